@@ -108,6 +108,17 @@ def inks() -> Figure:
     return compared(shipped("coffee"), "{inks} inks: {psnr_svg:.1f} dB", options, "the picture")
 
 
+def riso() -> Figure:
+    """Return an astronaut in two inks that overprint, the plates, and the same in other inks."""
+    given = {"paper": "#f5f0e6", "size": "190mm"}
+    one = vectorized(shipped("astronaut"), inks="#0078bf,#ff48b0", overprint=3, **given)
+    plates = [rasterize(svg, 512, 512) for svg in one.plates().values()]
+    other = vectorized(shipped("astronaut"), inks="#3255a4,#ff6c2f", overprint=5, **given)
+    pictures = [one.raster, *plates, other.raster]
+    titles = ["blue and pink", "blue plate", "pink plate", "blue and orange"]
+    return tiles(pictures, titles, columns=4)
+
+
 def focus() -> Figure:
     """Return an astronaut in 30 kB without and with a mask over her face, and parts of both."""
     photo, (y, x) = shipped("astronaut"), np.mgrid[:512, :512]
@@ -493,7 +504,8 @@ def readme(_: Path) -> None:
 OF_START = {f.__name__: f for f in (start, results, readme, gallery)}
 FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
     **{f.__name__.replace("_", "-"): f for f in (
-        sizes, decibels, logos, inks, focus, refine, editors, presets, placeholders, webp, drawings,
+        sizes, decibels, logos, inks, riso, focus,
+        refine, editors, presets, placeholders, webp, drawings,
         counts, progressive_fit, layers, forming, scenes, printed, traced, plotters,
         transparent, interrupted, model, gaussian_count, writing_svg, additive_blending, extremes,
         studio,

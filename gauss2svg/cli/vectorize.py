@@ -19,11 +19,11 @@ from gauss2svg.cli.terminal import (
 )
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
-from gauss2svg.options import OptionGroup, file_path, flag_of
+from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Goal, Options
 from gauss2svg.processes import command_line
 from gauss2svg.scene import ADD
-from gauss2svg.svg import Plotter
+from gauss2svg.svg import MOST_TRAP, Plotter
 
 if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
@@ -97,6 +97,16 @@ class PlatesAndPens(OptionGroup):
     separations: Annotated[Path | None, file_path] = None
     """Save one SVG for each of the --inks, black where the ink is visible. The name plate.svg gives
     plate-1.svg, plate-2.svg and so on."""
+
+    cut: bool = False
+    """Make --separations and --outline for a cutter: the region in which each of the --inks is
+    seen, as closed paths clear of all others. Needs gauss2svg[cut]."""
+
+    trap: Annotated[float | None, Interval(gt=0, le=MOST_TRAP)] = None
+    """Width (mm) by which regions of --cut spread below darker inks beside them, such as 0.2."""
+
+    marks: bool = False
+    """Add a margin with register marks, its number and its ink to each of the --separations."""
 
     plot: Annotated[Path | None, file_path] = None
     """Save strokes for a pen plotter as an SVG in mm: lines and outlines of a drawing, hatching for
@@ -223,6 +233,10 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
 
     for name, rule, advice in _exclusions(options, extras):
         raise InputError(f"{name} must {rule}. Try {advice}")
+    if extras.cut:
+        from gauss2svg.svg.cut import require_shapely  # few runs need it
+
+        require_shapely()
     targets = [] if output == STANDARD_STREAM else [Path(output)]
     targets += [path for name, path in extras.outputs.items() if name != "separations"]
     inks = options.fit.inks
@@ -248,6 +262,13 @@ def _exclusions(options: Options, extras: Files) -> Iterator[tuple[str, str, str
         yield "--outline", f"not be given with --blend {ADD}, {why}", "--portable"
     if extras.separations is not None and options.fit.inks is None:
         yield "--separations", "be given with --inks; got none", "--inks 3"
+    if extras.cut and (options.fit.inks is None or extras.separations is extras.outline is None):
+        rule = "be given with --inks, and with --separations or --outline"
+        yield "--cut", rule, '--inks "#c0322c,#17324d" --separations cut.svg --cut'
+    for name, other in (("trap", "cut"), ("marks", "separations")):
+        if getattr(extras, name) and not getattr(extras, other):
+            example = {"cut": "--cut", "separations": "--separations plate.svg"}[other]
+            yield f"--{name}", f"be given with --{other}", f"{example} too"
     for name, value in vars(Plotter()).items() if extras.plot is None else ():
         if (got := getattr(extras, name)) != value:
             yield flag_of(name), f"be given with --plot; got {got} alone", "--plot plot.svg"
@@ -293,11 +314,12 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
     if extras.plot is not None and plot is not None:
         svgs[extras.plot] = plot.svg
     if extras.outline is not None:
-        svgs[extras.outline] = result.outline()
+        svgs[extras.outline] = result.outline(extras.cut, extras.trap or 0.0)
     visible: dict[Path, str] = {}
     invisible: dict[Path, str] = {}
     if extras.separations is not None:
-        plates, inks = result.plates(), result.report["inks"].split(",")
+        plates = result.plates(extras.cut, extras.trap or 0.0, extras.marks)
+        inks = result.report["inks"].split(",")
         for path, ink in zip(extras.plates(len(inks)), inks, strict=True):
             (visible if ink in plates else invisible)[path] = ink
         svgs |= {path: plates[ink] for path, ink in visible.items()}
@@ -309,7 +331,8 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
     }
     contents |= {path: make() for path, make in makers.items() if path is not None}
     files.write_all_atomically(contents)
-    if extras.outline is not None and not extras.quiet and (hiding := result.hiding) > 0:
+    is_hidden = extras.outline is not None and not (extras.quiet or extras.cut)
+    if is_hidden and (hiding := result.hiding) > 0:
         yield (
             f"{extras.outline} also shows lines that the picture hides, below {hiding} opaque "
             "ellipses"

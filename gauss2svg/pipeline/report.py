@@ -19,13 +19,14 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.photo.pixels import Photo, over, pixels_of
 from gauss2svg.pipeline.budgets import measured_size
+from gauss2svg.pipeline.inked import far_colors
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.scene.inks import used_inks
-from gauss2svg.svg import MINIMAL
+from gauss2svg.scene.inks import inks_in
+from gauss2svg.svg import CURRENT_COLOR, MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
 
@@ -48,6 +49,7 @@ def run_report(
         **options.flat(),
         "quality": None if chosen.is_budget else chosen.goal.quality or DEFAULT_PRESET,
         # Values that the run has chosen for options that the user did not give.
+        **dict(zip(("inks", "paper", "overprint"), plan.printed or (), strict=False)),
         **_sides("", photo.original_size),
         **_sides("fit_", subject.size),
         **_sides("measured_", measured.raster.shape[1::-1]),
@@ -133,6 +135,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             "the file is in minimal markup, which is closer in as few bytes but has no names or "
             "layers. For Inkscape, Figma and other editors give --markup editable"
         )
+    if plan.options.svg.current_color and CURRENT_COLOR not in outcome.file.svg:
+        yield "--current-color has no effect, because this is no drawing of areas in one colour"
     if plan.sketch:
         whole = decibels(psnr(outcome.measured.raster, pixels_of(photo)))
         yield (
@@ -140,12 +144,16 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             f"without shadows, grain and stains. With them it is {whole}. For these give --areas "
             "never"
         )
-    inks = plan.options.fit.inks
-    if isinstance(inks, str):
-        used = used_inks(outcome.file.scene, inks)
-        unused = ", ".join(ink for ink in inks.split(",") if ink not in used)
+    if isinstance(inks := plan.options.fit.inks, str):
+        printed = plan.printed or (inks, None, None)
+        used = [*inks_in(outcome.file.scene, *printed), printed[1]]
+        unused = ", ".join(ink for ink in printed[0].split(",") if ink not in used)
         if unused:
             yield f"not used: {unused} of the inks, because other inks are closer everywhere"
+    if plan.printed and (far := far_colors(outcome.measured.raster, outcome.subject.photo)):
+        overprint = plan.printed[2]
+        mixed = "" if overprint and overprint > 1 else ", or --overprint 3 if they may mix"
+        yield f"{far}. Try inks of its colours, such as those of --inks 4{mixed}"
     # Only users who have raised the rate above 1 are told that the fit diverged, because they can
     # lower the rate again.
     if outcome.fitted.rollbacks and rate > 1:

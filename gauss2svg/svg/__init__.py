@@ -20,6 +20,7 @@ from gauss2svg.options import Interval, OptionGroup
 # This attribute of the root has the size of the canvas in px. The root's own width and height may
 # be a size in print instead.
 CANVAS = "data-canvas"
+MOST_TRAP = 10.0  # mm by which regions of a cut file may spread
 MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 DEFAULT_TITLE = "Vectorised photo"
@@ -31,6 +32,7 @@ _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
 # The number of decimals of a size. A size in cm is then exact to a micrometre.
 _DECIMALS = 4
 # This CSS rule hides all rounds above the round that the address of the file names.
+CURRENT_COLOR = '="currentColor"'  # end of an attribute with the colour that a page sets
 UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
@@ -224,6 +226,12 @@ class Document(OptionGroup):
         document.sides(width, height)
         return document
 
+    def mm_each(self, width: float) -> float:
+        """Return the size on paper, in mm, of one px of a canvas that is `width` px wide."""
+        has_size = self.size is not None and not self.is_responsive
+        across, unit = _width_of("size", self.size) if has_size else (width, "px")
+        return across * MM[unit] / width
+
     def style(self, rounds: Sequence[int]) -> str:
         """Return the style sheet for the groups of `rounds`, or "" if they need none.
 
@@ -306,3 +314,7 @@ class SvgFormat(OptionGroup):
 
     opacity_decimals: Annotated[int, Interval(ge=1, le=6)] = 2
     """Decimals of fill-opacity."""
+
+    current_color: bool = False
+    """Write the colour of a drawing of one colour as currentColor, with that colour at the root.
+    The background is another one, or there is none."""

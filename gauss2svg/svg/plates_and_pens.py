@@ -10,7 +10,7 @@ An outline is a stroke along the contour at which the falloff of a shape is 1/2.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -115,34 +115,37 @@ def grouped_by_ink(scene: Scene) -> Scene:
     return scene.replace(round_index=index)
 
 
-def plate_of(scene: Scene, ink: str) -> Scene:
-    """Return the plate of an ink #rrggbb: black where the ink is visible, and white elsewhere.
+def plate_of(scene: Scene, tones: Mapping[str, float]) -> Scene:
+    """Return the plate of an ink: black where the ink is visible, and white elsewhere.
 
-    Shapes of this ink are black, and shapes of other inks are white. Shapes that change nothing on
-    the plate are left out. Raise InputError for an ink that the scene does not have.
+    tones  strength of the ink in 0..1 in each colour #rrggbb. It is 0 in all others. A strength
+           between 0 and 1 is grey
+
+    Shapes that change nothing on the plate are left out. Raise InputError if the scene has none of
+    the colours that have a strength.
     """
     names = [ink_name(one) for one in inks_of_scene(scene)]
-    if ink not in names:
-        raise refusal("ink", f"one of {', '.join(names)}", quoted(ink))
-    levels = np.array(list(bytes.fromhex(ink[1:])))
+    printing = [color for color, tone in tones.items() if tone]
+    if not set(printing) & set(names):
+        raise refusal("ink", f"one of {', '.join(names)}", quoted(", ".join(printing)))
 
-    def is_ink(color: Any) -> NDArray[np.bool_]:
-        return (color_levels(np.asarray(color), 6) == levels).all(axis=-1)
+    def grey(color: Any) -> float:
+        return 1.0 - tones.get(ink_name(np.asarray(color)), 0.0)
 
-    printed = is_ink(scene.color)
-    ground = not scene.transparent and bool(is_ink(scene.background))
-    areas = [dataclasses.replace(a, paint=(float(not is_ink(a.paint)),) * 3) for a in scene.areas]
-    shows = printed != ground
-    # `shows` marks the shapes whose colour on the plate differs from the background of the plate. A
+    colors, entry = np.unique(scene.color, axis=0, return_inverse=True)
+    greys = np.array([grey(color) for color in colors])[entry.reshape(-1)]
+    ground = 1.0 if scene.transparent else grey(scene.background)
+    areas = [dataclasses.replace(a, paint=(grey(a.paint),) * 3) for a in scene.areas]
+    # `shows` marks the shapes whose colour on the plate differs from what may be below them. A
     # shape that is not marked is needed only if it covers a part of a marked shape.
+    shows = (greys != ground) | bool(areas)
     ellipses, needed = projections(*_ellipses(scene)), shows.copy()
     for _, upper in overlaps(*ellipses, shows, _MARGIN, np.flatnonzero(shows)):
         needed[upper] = True
-    black = np.where(printed, 0.0, 1.0)[:, None]
     plate = scene.replace(
-        color=np.broadcast_to(black, (len(scene), 3)),
+        color=np.repeat(greys[:, None], 3, axis=1),
         areas=areas,
-        background=np.zeros(3) if ground else np.ones(3),
+        background=np.full(3, ground),
         transparent=False,
     )
     return plate.select(needed)
