@@ -55,7 +55,8 @@ _LONG = 3.0
 _SIDE = 800  # px of the longer side of the picture in which lines are found
 _FINE = 3  # cells along a side of its px
 _OPAQUE = 0.95  # opacity from which on an area hides what is below it
-_FAINT = 0.1  # tone of an ink that is not drawn on white paper
+_FAINT = 0.1  # tone below which an ink is not drawn on white paper
+_LUMA = 0.2126, 0.7152, 0.0722  # weights of the channels in the tone of a black pen
 # The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
 _DOWN_MM_S, _UP_MM_S, _LIFT_S = 50.0, 151.0, 0.25
 
@@ -140,9 +141,8 @@ def plotted(scene: Scene, plotter: Plotter, document: Document, inks: str | None
     columns, rows = np.maximum(np.round(sides / cell), 1).astype(int).tolist()
     pen_cells, scale = plotter.pen_width / cell, mm_per_px / cell
     picture = np.clip(render(scene, columns, rows), 0, 1)
-    colors = np.zeros((1, 3)) if inks is None else ink_colors(inks)
-    colors = colors[np.argsort(-colors.sum(axis=1), kind="stable")]
-    strokes: list[list[Floats]] = [[] for _ in colors]
+    colors, tones = _colors_and_tones(inks)
+    strokes: list[list[Floats]] = [[] for _ in tones.T]
     lines, thin = _centrelines(scene)
     in_line = _enlarged(thin, rows, columns)
     size = np.array([columns, rows])
@@ -150,47 +150,58 @@ def plotted(scene: Scene, plotter: Plotter, document: Document, inks: str | None
         (color, np.clip(_simplified(_points_along(scale * line, size)), 0, size))
         for color, line in lines
     ]
-    found += _outlines(
-        [area.scaled(scale, scale) for area in scene.areas], in_line, pen_cells, scale
-    )
+    areas = [area.scaled(scale, scale) for area in scene.areas]
+    found += _outlines(areas, in_line, pen_cells, 0.5 * scale)
     for color, stroke in found:
-        nearest = int(((colors - color) ** 2).sum(axis=1).argmin())
-        strokes[nearest if _tone(colors[nearest]) >= _FAINT else -1].append(stroke)
+        tone_of_pens = tones[int(_nearest(colors, color))]
+        strokes[int(tone_of_pens.argmax()) if tone_of_pens.any() else -1].append(stroke)
     if plotter.hatch is not None or len(scene) >= sum(area.nodes for area in scene.areas):
         distance = plotter.hatch or 2 * plotter.pen_width
-        for one, tone in zip(strokes, _tones(picture, colors, inks is None), strict=True):
-            one += _hatching(
-                np.where(in_line, 0, tone), distance / cell, pen_cells, plotter.hatch_angle
-            )
+        nearest = _nearest(colors, picture)
+        for one, tone_of_colors in zip(strokes, tones.T, strict=True):
+            tone = 1 - picture @ _LUMA if inks is None else tone_of_colors[nearest]
+            tone = np.where(in_line, 0, tone)
+            one += _hatching(tone, distance / cell, pen_cells, plotter.hatch_angle)
     corner = 0.5 * (np.array([width, height]) - sides)
     pens = [
-        Pen(ink_name(ink), hex_color(np.round(255 * _pen_color(ink)).astype(int), False), in_order)
-        for ink, one in zip(colors, strokes, strict=True)
+        Pen(ink_name(ink), _pen_color(ink), in_order)
+        for ink, one in zip(_pen_inks(inks), strokes, strict=True)
         if (in_order := _in_order([corner + cell * stroke for stroke in one]))
     ]
     return Plot((width, height), plotter.pen_width, pens, document)
 
 
-def _tone(ink: Floats) -> float:
-    """Return the share of paper that the pen of an ink covers."""
-    return float(1 - ink.min())
+def _pen_inks(inks: str | None) -> Floats:
+    """Return the inks (n, 3) of the pens, the lightest first."""
+    colors = np.zeros((1, 3)) if inks is None else ink_colors(inks)
+    return colors[np.argsort(-colors.sum(axis=1), kind="stable")]
 
 
-def _pen_color(ink: Floats) -> Floats:
-    """Return the colour that, with white beside it, gives an ink at its tone."""
-    return 1 - (1 - ink) / max(_tone(ink), 1 / 255)
+def _colors_and_tones(inks: str | None) -> tuple[Floats, Floats]:
+    """Return the colours (m, 3) of a picture, and the tone (m, n) of each pen in each of them.
 
-
-def _tones(picture: NDArray[np.floating], inks: Floats, is_black: bool) -> list[Floats]:
-    """Return for each ink the share (h, w) of the paper that strokes are to cover.
-
-    is_black  whether one black pen draws all colours. Its tone is 1 minus luma
+    A tone is the share of the paper that strokes cover, where it has this colour. An ink has the
+    largest tone at which a pen can give its colour, that of a pen without white in it.
     """
-    if is_black:
-        return [1 - picture @ [0.2126, 0.7152, 0.0722]]
-    nearest = np.argmin([((picture - ink) ** 2).sum(axis=2) for ink in inks], axis=0)
-    tones = [_tone(ink) if _tone(ink) >= _FAINT else 0.0 for ink in inks]
-    return [tone * (nearest == k) for k, tone in enumerate(tones)]
+    colors = _pen_inks(inks)
+    tone = 1 - colors.min(axis=1)
+    return colors, np.diag(np.where(tone < _FAINT, 0.0, tone))
+
+
+def _pen_color(ink: Floats) -> str:
+    """Return the colour #rrggbb that gives an ink where white is beside it."""
+    color = 1 - (1 - ink) / max(1 - ink.min(), 1 / 255)
+    return hex_color(np.round(255 * color).astype(int), short=False)
+
+
+def _nearest(colors: Floats, picture: NDArray[np.floating]) -> NDArray[np.intp]:
+    """Return the index (..) of the nearest colour to each colour (.., 3) of a picture."""
+    nearest = np.zeros(picture.shape[:-1], np.intp)
+    least = np.full(nearest.shape, np.inf)
+    for k, color in enumerate(colors):  # all at once, they would need too much memory
+        square = ((picture - color) ** 2).sum(axis=-1)
+        nearest, least = np.where(square < least, k, nearest), np.minimum(square, least)
+    return nearest
 
 
 def _outlines(

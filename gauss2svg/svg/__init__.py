@@ -170,9 +170,9 @@ class Document(OptionGroup):
 
         The message is "OPTION must not be given with NAME, REASON. Try ADVICE".
 
-        name    what the file has in place of such layers, such as "pens"
+        name    what the file has in place of such layers, such as "layers inks"
         reason  clause that says why, such as "whose layers are no rounds"
-        advice  what the user can do instead, such as "outlines without pens"
+        advice  what the user can do instead, such as "layers rounds"
         """
         for option in self.layered:
             raise InputError(f"{option} must not be given with {name}, {reason}. Try {advice}")
