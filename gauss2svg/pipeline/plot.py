@@ -32,7 +32,7 @@ from gauss2svg.areas.thin import parts_between, strokes_of
 from gauss2svg.render import render
 from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import Area, Scene
-from gauss2svg.scene.inks import ink_colors, ink_name
+from gauss2svg.scene.inks import ink_colors, ink_name, printed_colors
 from gauss2svg.svg import Document, Plotter
 from gauss2svg.svg.element import Element, hex_color, number
 from gauss2svg.svg.encode import Drawing, layer, sides_of
@@ -126,11 +126,19 @@ class Plot(NamedTuple):
         return text_of(drawing, sheet, named)
 
 
-def plotted(scene: Scene, plotter: Plotter, document: Document, inks: str | None = None) -> Plot:
+def plotted(
+    scene: Scene,
+    plotter: Plotter,
+    document: Document,
+    inks: str | None = None,
+    paper: str | None = None,
+    overprint: int | None = None,
+) -> Plot:
     """Return a scene as strokes, as large as the sheet and its margins allow.
 
-    document  title and description of the file
-    inks      colours such as "#c0322c,#000000", each of which has a pen. None for one black pen
+    document   title and description of the file
+    inks       colours such as "#c0322c,#000000", each of which has a pen. None for one black pen
+    paper      as in printed_colors, as is `overprint`. What has its colour is not drawn
     A named sheet is turned as the picture is.
     """
     width, height = plotter.sides(scene.width > scene.height)
@@ -141,7 +149,7 @@ def plotted(scene: Scene, plotter: Plotter, document: Document, inks: str | None
     columns, rows = np.maximum(np.round(sides / cell), 1).astype(int).tolist()
     pen_cells, scale = plotter.pen_width / cell, mm_per_px / cell
     picture = np.clip(render(scene, columns, rows), 0, 1)
-    colors, tones = _colors_and_tones(inks)
+    colors, tones = _colors_and_tones(inks, paper, overprint)
     strokes: list[list[Floats]] = [[] for _ in tones.T]
     lines, thin = _centrelines(scene)
     in_line = _enlarged(thin, rows, columns)
@@ -177,15 +185,21 @@ def _pen_inks(inks: str | None) -> Floats:
     return colors[np.argsort(-colors.sum(axis=1), kind="stable")]
 
 
-def _colors_and_tones(inks: str | None) -> tuple[Floats, Floats]:
+def _colors_and_tones(
+    inks: str | None, paper: str | None, overprint: int | None
+) -> tuple[Floats, Floats]:
     """Return the colours (m, 3) of a picture, and the tone (m, n) of each pen in each of them.
 
     A tone is the share of the paper that strokes cover, where it has this colour. An ink has the
     largest tone at which a pen can give its colour, that of a pen without white in it.
     """
-    colors = _pen_inks(inks)
-    tone = 1 - colors.min(axis=1)
-    return colors, np.diag(np.where(tone < _FAINT, 0.0, tone))
+    pens = _pen_inks(inks)
+    if inks is None:
+        return pens, np.ones((1, 1))
+    tone = 1 - pens.min(axis=1)
+    printed = printed_colors(",".join(map(ink_name, pens)), paper, overprint)
+    strengths = np.array([*printed.values()])
+    return ink_colors(",".join(printed)), strengths * np.where(tone < _FAINT, 0.0, tone)
 
 
 def _pen_color(ink: Floats) -> str:

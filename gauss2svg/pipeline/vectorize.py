@@ -107,7 +107,8 @@ class Result:
         from gauss2svg.pipeline.plot import plotted  # imported here because few runs need it
 
         plotter = instance(plotter, "plotter", Plotter)
-        return plotted(self.scene, plotter, self.document, self.report["inks"])
+        inks, paper, overprint = (self.report[key] for key in ("inks", "paper", "overprint"))
+        return plotted(self.scene, plotter, self.document, inks, paper, overprint)
 
     @property
     def hiding(self) -> int:

@@ -14,7 +14,7 @@ from gauss2svg.pipeline.plot import plotted
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Area, Scene
 from gauss2svg.scene.areas import Outline
-from gauss2svg.scene.inks import ink_colors
+from gauss2svg.scene.inks import ink_colors, printed_colors
 from gauss2svg.svg import Document, Plotter
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -184,6 +184,21 @@ def test_each_ink_but_white_has_a_pen_that_gives_its_colour_with_the_paper():
     for x, ink in ((250, brown), (750, blue)):
         part = drawn[100:900, x - 150 : x + 150].mean(axis=(0, 1))
         np.testing.assert_allclose(part, 1 - 0.875 * (1 - ink), atol=0.1)
+
+
+def test_the_paper_is_not_drawn_and_inks_that_overprint_are_drawn_over_each_other():
+    inks, paper = "#ff48b0,#0078bf", "#f5f0e6"
+    mixes = printed_colors(inks, paper, 1)
+    paints = [tuple(color) for color in ink_colors(",".join(mixes))]
+    boxes = [box(20 * k, 0, 20 * k + 20, 100, paint) for k, paint in enumerate(paints)]
+    options = Plotter(sheet="100.3x100.3mm", margin=0, hatch=0.6)
+    ground = tuple(ink_colors(paper)[0])
+    plot = plotted(of_areas(*boxes, background=ground), options, Document(), inks, paper, 1)
+    for pen in plot.pens:
+        ends = np.concatenate([one for one in pen.strokes if one.shape[0] > 2]) - 0.15
+        hatched = np.bincount((ends[:, 0] // 20).astype(int), minlength=6)[:4] > 50
+        k = inks.split(",").index(pen.name)
+        assert hatched.tolist() == [strength[k] > 0 for strength in mixes.values()]
 
 
 def test_the_command_says_what_the_plot_takes(photo, tmp_path, capsys):
