@@ -10,10 +10,7 @@ examples/showcase.jpg and examples/gallery.jpg.
 
 from __future__ import annotations
 
-import re
-import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -57,10 +54,10 @@ from skimage import data
 from gauss2svg import (
     Document,
     FitOptions,
+    Plotter,
     Progress,
     Result,
     Scene,
-    outline_svg,
     placeholder,
     quantize,
     vectorize,
@@ -109,6 +106,17 @@ def inks() -> Figure:
     """Return a cup of coffee in few inks, and the picture."""
     options = [{"inks": k, "max_bytes": 20_000, "markup": "minimal"} for k in (3, 6, 12)]
     return compared(shipped("coffee"), "{inks} inks: {psnr_svg:.1f} dB", options, "the picture")
+
+
+def riso() -> Figure:
+    """Return an astronaut in two inks that overprint, the plates, and the same in other inks."""
+    given = {"paper": "#f5f0e6", "size": "190mm"}
+    one = vectorized(shipped("astronaut"), inks="#0078bf,#ff48b0", overprint=3, **given)
+    plates = [rasterize(svg, 512, 512) for svg in one.plates().values()]
+    other = vectorized(shipped("astronaut"), inks="#3255a4,#ff6c2f", overprint=5, **given)
+    pictures = [one.raster, *plates, other.raster]
+    titles = ["blue and pink", "blue plate", "pink plate", "blue and orange"]
+    return tiles(pictures, titles, columns=4)
 
 
 def focus() -> Figure:
@@ -277,24 +285,19 @@ def traced() -> Figure:
     return tiles(crops, [*titles, "the drawing"], columns=2)
 
 
+def line_art() -> np.ndarray:
+    """Return a cup of coffee in black lines."""
+    return load_image(ROOT / "benchmarks/pictures/line-art.png").pixels
+
+
 def plotters() -> Figure:
-    """Return a picture in inks, the lines of it that are seen, and those but for the white pen."""
-    result = vectorized(shipped("coffee"), gaussians=800, inks=INKS, size="200mm")
-    with tempfile.TemporaryDirectory() as folder:
-        lines, seen = Path(folder, "lines.svg"), Path(folder, "seen.svg")
-        lines.write_text(outline_svg(result.scene, result.document), encoding="utf-8")
-        subprocess.run(
-            ["vpype", "read", "--no-crop", lines, "occult", "-i", "crop", "0", "0", "200mm",
-             "133.33mm", "write", seen], check=True,
-        )  # fmt: skip
-        text = seen.read_text(encoding="utf-8")
-    # resvg takes no metadata of other name spaces, and lines are thin for a picture of this size
-    text = re.sub(r"<metadata>.*</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r'stroke-width="[^"]*"', 'stroke-width="1.2"', text)
-    white = re.compile(r'stroke="(#fff|#ffffff|white)"')
-    svgs = [white.sub(f'stroke="{colour}"', text) for colour in ("#3080e0", "none")]
-    titles = ["the picture", "lines, white as blue", "without white"]
-    return tiles([result.raster, *(drawn(svg, 400, 600) for svg in svgs)], titles, columns=3)
+    """Return a photo and line art as a pen of 0.3 mm draws them on A4, and a part of the photo."""
+    photo, lines = (
+        rasterize(vectorized(pixels).plot().svg, 1680, 2376)[468:1908, 120:1560]
+        for pixels in (shipped("astronaut"), line_art())
+    )
+    titles = ["a photo", "a part of it", "line art"]
+    return tiles([photo, part(photo, 0.28, 0.04, 0.3), lines], titles, columns=3)
 
 
 def transparent() -> Figure:
@@ -464,7 +467,7 @@ def results(folder: Path) -> None:
     cup, rocket = shipped("coffee"), shipped("rocket")
     before = drawn(placeholder(rocket, max_bytes=1000).svg, *rocket.shape[:2])
     half = rocket.shape[1] // 2
-    lines = vectorized(cup, gaussians=300, inks=INKS).outline()
+    small = Plotter(sheet="120x80mm", margin=2, pen_width=0.5)
     scene = vectorize(coffee(480), gaussians=600).scene
     thirds = [render(upto(scene, share), 480, 320) for share in (0, 0.5, 1)]
     pictures = {
@@ -472,7 +475,7 @@ def results(folder: Path) -> None:
         "placeholder": np.hstack([before[:, :half], rocket[:, half:]]),
         "logo": vectorize(shipped("logo"), max_bytes=20_000).raster,
         "poster": vectorized(cup, inks=6, max_bytes=20_000).raster,
-        "plot": drawn(re.sub(r'stroke-width="[^"]*"', 'stroke-width="1"', lines), 400, 600),
+        "plot": rasterize(vectorized(line_art()).plot(small).svg, 960, 640),
         "layers": np.hstack([p[:, 160 * k : 160 * (k + 1)] for k, p in enumerate(thirds)]),
     }
     for name, pixels in pictures.items():
@@ -501,7 +504,8 @@ def readme(_: Path) -> None:
 OF_START = {f.__name__: f for f in (start, results, readme, gallery)}
 FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
     **{f.__name__.replace("_", "-"): f for f in (
-        sizes, decibels, logos, inks, focus, refine, editors, presets, placeholders, webp, drawings,
+        sizes, decibels, logos, inks, riso, focus,
+        refine, editors, presets, placeholders, webp, drawings,
         counts, progressive_fit, layers, forming, scenes, printed, traced, plotters,
         transparent, interrupted, model, gaussian_count, writing_svg, additive_blending, extremes,
         studio,

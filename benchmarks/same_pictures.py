@@ -61,7 +61,7 @@ CASES = {
     "gzip": "photo.png --gaussians 200 --gzip",
     "placeholder": "placeholder photo.png --format svg",
     "inks": "drawing.png --gaussians 150 --inks 4 --separations plate.svg",
-    "pens": "small.png --gaussians 100 --outline outline.svg --pens 3",
+    "plot": "small.png --gaussians 100 --outline outline.svg --plot plot.svg",
     "additive": "small.png --gaussians 200 --blend add",
     "portable": "small.png --gaussians 200 --blend add --portable",
     "ssim": "small.png --gaussians 100 --loss mse+ssim",

@@ -37,7 +37,7 @@ from .scene.areas import (
     Outline as Outline,
     RadialGradient as RadialGradient,
 )
-from .svg import Document as Document, SvgFormat as SvgFormat
+from .svg import Document as Document, Plotter as Plotter, SvgFormat as SvgFormat
 from .svg.file import Scene as Scene
 from .svg.read import read_svg as read_svg
 from .svg.write import outline_svg as outline_svg, plate_svg as plate_svg, write_svg as write_svg

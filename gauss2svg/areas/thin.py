@@ -7,7 +7,7 @@ than outlines.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -225,14 +225,16 @@ def thin_parts(shares: Shares, paints: list[Paint], letter_ground: Ints) -> list
             wide = _thick(share, WIDE) | is_ground
             parts += [
                 part
-                for part in _parts(names, share, wide, is_wide=True)
+                for part in parts_between(share, wide, names, is_wide=True)
                 if (thick[part.box] & (part.share > SEEN)).any()
             ]
-        parts += _parts(names, share, thick | is_ground, is_wide=False)
+        parts += parts_between(share, thick | is_ground, names)
     return parts
 
 
-def _parts(names: list[int], share: Floats, thick: Bools, is_wide: bool) -> list[Part]:
+def parts_between(
+    share: Floats, thick: Bools, names: Sequence[int] = (), is_wide: bool = False
+) -> list[Part]:
     """Return the connected parts of the share (h, w) of regions that are not thick."""
     thin = np.where(thick, 0, share)
     label, boxes = parts_of(thin > SEEN)
@@ -241,7 +243,7 @@ def _parts(names: list[int], share: Floats, thick: Bools, is_wide: bool) -> list
         box = widened(tight, MARGIN, share.shape)
         own = np.where(label[box] == q, thin[box], 0)
         if own.sum() >= LEAST_SHARE:
-            parts.append(Part(names, own, thick[box], box, is_wide))
+            parts.append(Part([*names], own, thick[box], box, is_wide))
     return parts
 
 
@@ -282,7 +284,7 @@ def _chosen(
     pixels: Floats, part: Part, paint: Paint, weight_at: Weights, unit: float, rate: float
 ) -> list[tuple[Path, float]]:
     """Return the strokes of a part, or none if its outlines are closer for their bytes."""
-    strokes = _strokes(part, weight_at, unit, rate)
+    strokes = strokes_of(part, weight_at, unit, rate)
     if not strokes:
         return []
     values = pixels[part.box]
@@ -321,19 +323,21 @@ def _chosen(
     ]
 
 
-def _strokes(part: Part, weight_at: Weights, unit: float, rate: float) -> list[tuple[Path, float]]:
-    """Return the paths and widths of strokes along a thin part, or none if it is no line."""
+def strokes_of(
+    part: Part, weight_at: Weights, unit: float, rate: float, widest: float = WIDEST
+) -> list[tuple[Path, float]]:
+    """Return the paths and widths in px of strokes along a thin part, or none if it is no line."""
     seen = part.share[part.share > 0.05]
     level = min(0.35, 0.4 * float(np.percentile(seen, 85)))
     chains = chains_of(part.share > level, part.share)
     lines = [chain.points if chain.closed else _extended(chain, part) for chain in chains]
     length = sum(np.hypot(*np.diff(points, axis=0).T).sum() for points in lines)
     width = part.share.sum() / max(length, 1e-9)
-    if width > WIDEST or length < max(LEAST_SHARE, LEAST_LENGTH * width):
+    if width > widest or length < max(LEAST_SHARE, LEAST_LENGTH * width):
         return []
     strokes = []
     for chain, points in zip(chains, lines, strict=True):
-        if chain.width >= 1.2 * WIDEST:
+        if chain.width >= 1.2 * widest:
             continue
         points = resampled(points, POINT_STEP, chain.closed) + part.corner
         corners = turns_of(points, TURN_RAD, chain.closed)

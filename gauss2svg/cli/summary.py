@@ -56,12 +56,18 @@ def print_summary(report: dict[str, Any], output: str) -> None:
         "match": f"{_match(r, _SCALE if r['inks'] is None else _SCALE_OF_INKS)}{_hue(r)}{at}",
         "focus": _focus(r),
         "transparency": _transparency(r),
-        "inks": (r["inks"] or "").replace(",", ", "),
+        "inks": _inks(r),
         "scores": _scores(r),
         "browser": _painting(r),
         "time": f"{r['total_s']:.1f} s",
     }
     _print_table(rows, [("missed", line) for line in r["unreached"]], r["notes"])
+
+
+def _inks(report: dict[str, Any]) -> str:
+    """Return the inks of a picture, and the colour of paper on which they are printed."""
+    inks = (report["inks"] or "").replace(",", ", ")
+    return f"{inks} on paper of {report['paper']}" if report["paper"] else inks
 
 
 def print_check(report: dict[str, Any], svg: str) -> None:

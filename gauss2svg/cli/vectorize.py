@@ -20,10 +20,10 @@ from gauss2svg.cli.terminal import (
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
-from gauss2svg.pipeline.options import AUTO, GROUP_TITLES, GROUPS, NEVER, Goal, Options
+from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Goal, Options
 from gauss2svg.processes import command_line
 from gauss2svg.scene import ADD
-from gauss2svg.scene.inks import MOST_INKS
+from gauss2svg.svg import MOST_TRAP, Plotter
 
 if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
@@ -41,7 +41,7 @@ _ABOUT = "Turn a picture into an SVG of soft shapes, and measure how closely it 
 ABOUT = "\n".join((_ABOUT, "", *_EXAMPLES))
 # {option that names an output file: endings that this file may have}
 _ENDINGS = {"preview": (".png",), "report": (".json",), "save_scene": (".npz",)}
-_ENDINGS |= dict.fromkeys(("outline", "separations"), SVG_ENDINGS)
+_ENDINGS |= dict.fromkeys(("outline", "separations", "plot"), SVG_ENDINGS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,13 +98,23 @@ class PlatesAndPens(OptionGroup):
     """Save one SVG for each of the --inks, black where the ink is visible. The name plate.svg gives
     plate-1.svg, plate-2.svg and so on."""
 
-    pens: Annotated[int | None, Interval(ge=1, le=MOST_INKS)] = None
-    """Number of pens that draw the --outline, each in a layer of its own. Lines then end at the
-    edge of the page, and the size of the file is in mm."""
+    cut: bool = False
+    """Make --separations and --outline for a cutter: the region in which each of the --inks is
+    seen, as closed paths clear of all others. Needs gauss2svg[cut]."""
+
+    trap: Annotated[float | None, Interval(gt=0, le=MOST_TRAP)] = None
+    """Width (mm) by which regions of --cut spread below darker inks beside them, such as 0.2."""
+
+    marks: bool = False
+    """Add a margin with register marks, its number and its ink to each of the --separations."""
+
+    plot: Annotated[Path | None, file_path] = None
+    """Save strokes for a pen plotter as an SVG in mm: lines and outlines of a drawing, hatching for
+    a photo. Each of the --inks has a pen."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Files(PlatesAndPens, OutputFiles, InputFiles):
+class Files(Plotter, PlatesAndPens, OutputFiles, InputFiles):
     """Options for all files except the photo and the SVG."""
 
     @property
@@ -132,7 +142,11 @@ class Files(PlatesAndPens, OutputFiles, InputFiles):
 
 
 COMMON = {"Parameters": Command, "Goal": Goal, "Output files": OutputFiles}  # sections of --help
-SECTIONS = COMMON | {"Input files": InputFiles, "Plates and pens": PlatesAndPens}
+SECTIONS = COMMON | {
+    "Input files": InputFiles,
+    "Plates and pens": PlatesAndPens,
+    "Plotter": Plotter,
+}
 SECTIONS |= {title: GROUPS[key] for key, title in GROUP_TITLES.items()}
 
 
@@ -210,7 +224,7 @@ def _output(photo: str, output: str | None, overwrite: bool) -> str:
 def _checked(photo: str, output: str, options: Options, extras: Files) -> Options:
     """Return the options, as the output files need them.
 
-    If the name of the output ends in .svgz, gzip is turned on. With pens there are no areas.
+    If the name of the output ends in .svgz, gzip is turned on.
 
     Raise InputError if an output file cannot be made with these options, has a wrong ending, or
     would replace the photo, the mask or the scene. Raise OutputError if a file cannot be written.
@@ -219,6 +233,10 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
 
     for name, rule, advice in _exclusions(options, extras):
         raise InputError(f"{name} must {rule}. Try {advice}")
+    if extras.cut:
+        from gauss2svg.svg.cut import require_shapely  # few runs need it
+
+        require_shapely()
     targets = [] if output == STANDARD_STREAM else [Path(output)]
     targets += [path for name, path in extras.outputs.items() if name != "separations"]
     inks = options.fit.inks
@@ -230,8 +248,6 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
         check_ending("--output", output, SVG_ENDINGS)
     for name, path in extras.outputs.items():
         check_ending(flag_of(name), path, _ENDINGS[name])
-    if extras.pens is not None and options.svg.areas == AUTO:
-        options = options.changed(areas=NEVER)  # pens draw the outlines of shapes
     return options.changed(gzip=True) if is_svgz(output) else options
 
 
@@ -246,11 +262,16 @@ def _exclusions(options: Options, extras: Files) -> Iterator[tuple[str, str, str
         yield "--outline", f"not be given with --blend {ADD}, {why}", "--portable"
     if extras.separations is not None and options.fit.inks is None:
         yield "--separations", "be given with --inks; got none", "--inks 3"
-    if extras.pens is not None and extras.outline is None:
-        yield "--pens", f"be given with --outline; got {extras.pens} alone", "--outline plot.svg"
-    for name in options.document.layered if extras.pens is not None else ():
-        why = "because its layers are rounds of the fit"
-        yield "--pens", f"not be given with --{name}, {why}", f"without --{name}"
+    if extras.cut and (options.fit.inks is None or extras.separations is extras.outline is None):
+        rule = "be given with --inks, and with --separations or --outline"
+        yield "--cut", rule, '--inks "#c0322c,#17324d" --separations cut.svg --cut'
+    for name, other in (("trap", "cut"), ("marks", "separations")):
+        if getattr(extras, name) and not getattr(extras, other):
+            example = {"cut": "--cut", "separations": "--separations plate.svg"}[other]
+            yield f"--{name}", f"be given with --{other}", f"{example} too"
+    for name, value in vars(Plotter()).items() if extras.plot is None else ():
+        if (got := getattr(extras, name)) != value:
+            yield flag_of(name), f"be given with --plot; got {got} alone", "--plot plot.svg"
 
 
 def _result(
@@ -281,7 +302,7 @@ def _start(path: Path | None) -> "Scene | None":
 
 
 def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
-    """Write all files. Yield the lines that are to be printed about the outlines and plates."""
+    """Write all files. Yield the lines that are to be printed about outlines, plots and plates."""
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])
@@ -289,12 +310,16 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
     if output == STANDARD_STREAM:
         files.write_output(svg)
     svgs: dict[Path, str] = {}
+    plot = None if extras.plot is None else result.plot(Plotter.of(vars(extras)))
+    if extras.plot is not None and plot is not None:
+        svgs[extras.plot] = plot.svg
     if extras.outline is not None:
-        svgs[extras.outline] = result.outline(extras.pens)
+        svgs[extras.outline] = result.outline(extras.cut, extras.trap or 0.0)
     visible: dict[Path, str] = {}
     invisible: dict[Path, str] = {}
     if extras.separations is not None:
-        plates, inks = result.plates(), result.report["inks"].split(",")
+        plates = result.plates(extras.cut, extras.trap or 0.0, extras.marks)
+        inks = result.report["inks"].split(",")
         for path, ink in zip(extras.plates(len(inks)), inks, strict=True):
             (visible if ink in plates else invisible)[path] = ink
         svgs |= {path: plates[ink] for path, ink in visible.items()}
@@ -306,11 +331,14 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
     }
     contents |= {path: make() for path, make in makers.items() if path is not None}
     files.write_all_atomically(contents)
-    if extras.outline is not None and not extras.quiet and (hiding := result.hiding) > 0:
+    is_hidden = extras.outline is not None and not (extras.quiet or extras.cut)
+    if is_hidden and (hiding := result.hiding) > 0:
         yield (
             f"{extras.outline} also shows lines that the picture hides, below {hiding} opaque "
             "ellipses"
         )
+    if plot is not None and not extras.quiet:
+        yield f"{extras.plot}: {plot}"
     if extras.separations is not None and not extras.quiet:
         yield f"plates: {', '.join(f'{path} ({ink})' for path, ink in visible.items())}"
     yield from (

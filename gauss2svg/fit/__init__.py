@@ -16,7 +16,7 @@ from gauss2svg.fit import schedule
 from gauss2svg.fit.schedule import refinement_reduction, totals
 from gauss2svg.options import Field, Interval, OptionGroup, Seed
 from gauss2svg.scene import ADD, OVER
-from gauss2svg.scene.inks import Inks, check_inks
+from gauss2svg.scene.inks import MOST_TONES, Inks, check_inks, check_paper
 
 if TYPE_CHECKING:
     from gauss2svg.scene import Scene
@@ -76,6 +76,15 @@ class FitOptions(OptionGroup):
     """Draw only in these colours, including the background: "#f7c306,#c0322c,navy". Or the number
     of colours to choose from the picture, or a palette file (.gpl). Shapes are opaque and have
     crisp rims."""
+
+    paper: Annotated[str | None, check_paper] = None
+    """Colour of the paper, which shows where no ink is printed, and has no plate. The default is
+    white if none of the listed --inks is near white."""
+
+    overprint: Annotated[int | None, Interval(ge=1, le=MOST_TONES)] = None
+    """Let the listed --inks overprint: where several lie over each other, the colour is the product
+    of theirs and the paper's. The number is that of the strengths of each ink. 1 is solid ink
+    alone, 3 also prints thirds of it, as greys of its plate."""
 
     seed: Seed = 0
     """Random seed. The same seed gives the same file. Another seed often does too, because few

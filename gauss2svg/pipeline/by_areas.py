@@ -41,7 +41,7 @@ from gauss2svg.areas.scenes import as_rasterized, refined_areas
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import shrunk
-from gauss2svg.pipeline.area_colors import with_solved_colors
+from gauss2svg.pipeline.area_colors import with_shared_colors, with_solved_colors
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.films import kept
@@ -525,7 +525,9 @@ class ByAreas:
         except NoDrawingError:
             self._is_lost = True
         found = newest or nothing(self._subject.working)
-        return found_in_inks(found, self._inks) if self._inks else found
+        if self._inks:
+            return found_in_inks(found, self._inks)
+        return with_shared_colors(found, bool(self._noise))
 
     def _searched(self, progress: Progress) -> FoundAreas:
         """Return the areas of the picture, or those of the start, at the usual rate."""

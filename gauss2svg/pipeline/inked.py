@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.pixels import Sprite
+from gauss2svg.photo.pixels import over
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import MOST_STOPS, Area, Color, LinearGradient, Paint, RadialGradient
-from gauss2svg.scene.inks import ink_colors
+from gauss2svg.scene.inks import ink_colors, ink_name, oklab
 from gauss2svg.without_scipy import nearest_entry
 
 if TYPE_CHECKING:
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 PLACES = 1024  # places along a gradient at which its nearest ink is looked up
 MOST_BANDS = MOST_STOPS // 2 - 1  # bands of a gradient. Each takes two stops
 OPAQUE = 0.5  # areas of at least this opacity are drawn, and are opaque
+# A drawing is far from its picture where blocks of it differ by FAR in Oklab. It has BLOCKS of them
+# along its longer side. A FAR_SHARE of the blocks is worth a note (docs/decisions/inks.md).
+FAR, BLOCKS, FAR_SHARE = 0.15, 24, 0.2
 LEAST_EXPLAINED = 0.9  # share of a drawing that its areas must draw. A photo in it has bands else
 
 
@@ -73,6 +77,29 @@ def picture_in_inks(found: FoundAreas, inks: str, width: int, height: int) -> ND
         return render_rgba(scene.replace(transparent=True), width, height).astype(np.float32)
     scene = scene.replace(background=np.array(_nearest(found.background, inks)))
     return render(scene, width, height).astype(np.float32)
+
+
+def far_colors(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> str:
+    """Return a sentence on how much of a photo its inks are far from, or "" if it is little.
+
+    raster, photo  (h, w, 3), or (h, w, 4) with alpha, in 0..1
+    """
+    height, width = photo.shape[:2]
+    side = max(1, round(max(height, width) / BLOCKS))
+    rows, columns = max(1, height // side), max(1, width // side)
+
+    def blocks(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+        cut = over(pixels)[: rows * side, : columns * side].astype(np.float64)
+        return cut.reshape(rows, len(cut) // rows, columns, -1, 3).mean(axis=(1, 3))
+
+    drawn, wanted = blocks(raster), blocks(photo)
+    is_far = np.linalg.norm(oklab(drawn) - oklab(wanted), axis=2) > FAR
+    if (share := is_far.mean()) < FAR_SHARE:
+        return ""
+    drawn, wanted = drawn[is_far], wanted[is_far]
+    usual = np.square(wanted - wanted.mean(axis=0)).sum(axis=1).argmin()
+    example = f"{ink_name(wanted[usual])} of the photo is {ink_name(drawn[usual])}"
+    return f"the inks are far from {100 * share:.0f} % of the photo. For example, {example}"
 
 
 def sprite_in_inks(sprite: Sprite, inks: str) -> Sprite:

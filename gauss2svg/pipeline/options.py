@@ -131,6 +131,10 @@ class SvgOptions(OptionGroup):
     """Step (px) to which coordinates are rounded, such as 0.05. The default depends on the
     preset."""
 
+    current_color: bool = False
+    """Write the colour of a one-colour drawing as currentColor, so that the page in which an icon
+    stands may set it by CSS."""
+
     matte: Annotated[str | None, color_name] = None
     """Background colour for a transparent photo: a name such as white, #fa0 or #ffaa00. If not
     given, the SVG is transparent where the photo is."""

@@ -23,6 +23,7 @@ from gauss2svg.fit import (
     PSNR,
     DensifyOptions,
     FitConfig,
+    FitOptions,
     Tune,
 )
 from gauss2svg.measure import Score, Search, require_packages
@@ -30,7 +31,7 @@ from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pipeline.options import ALWAYS, AUTO, NEVER, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
-from gauss2svg.scene.inks import inks_of
+from gauss2svg.scene.inks import LEAST_INKS, MOST_INKS, inks_of, printed_colors
 from gauss2svg.svg import EDITABLE, INKS, MINIMAL, ROUNDS, Markup, StopCount, SvgFormat
 from gauss2svg.svg.forms import GRADIENT
 
@@ -190,6 +191,8 @@ class Plan:
     has_focus  whether the run has a mask. Without one, focus_strength is refused
     sketch     paper and ink as "#rrggbb,#rrggbb", in which a sketch is drawn by areas alone. It is
                "" for other pictures, and before the photo is read
+    printed    inks that the user listed, their paper and their tones (printed_colors), which the
+               inks of `options` replace (on_paper). None for other inks, and before
     Raise InputError or RendererError if options exclude each other.
     """
 
@@ -202,6 +205,7 @@ class Plan:
     rate: float = 0.0
     has_focus: bool = False
     sketch: str = ""
+    printed: tuple[str, str | None, int | None] | None = None
 
     def __post_init__(self) -> None:
         check_together(self.options)
@@ -256,6 +260,17 @@ class Plan:
         may_have_two = inks in (None, 2) or (isinstance(inks, str) and inks.count(",") == 1)
         is_asked = self.options.svg.areas != NEVER and self.aim is None and may_have_two
         return is_asked and self.allows_areas and (self.has_areas or not self.starts)
+
+    def on_paper(self) -> Plan:
+        """Return the plan with the paper and the mixes of listed inks among its inks."""
+        fit = self.options.fit
+        if not isinstance(fit.inks, str):
+            return self
+        colors = printed_colors(fit.inks, fit.paper, fit.overprint)
+        first, strength = next(iter(colors.items()))
+        printed = fit.inks, None if any(strength) else first, fit.overprint
+        options = self.options.changed(inks=",".join(colors), paper=None, overprint=None)
+        return dataclasses.replace(self, printed=printed, options=options)
 
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
@@ -462,6 +477,7 @@ class Plan:
             precision=precision if svg.precision is None else svg.precision,
             layers=INKS if self.in_inks else ROUNDS,
             opacity_decimals=preset.opacity_decimals,
+            current_color=svg.current_color,
         )
 
     def quantization(self, gaussians: int, error: float | None = None) -> tuple[int, float]:
@@ -550,6 +566,24 @@ def _without_areas(options: Options) -> Iterator[tuple[str, object]]:
         yield "falloff", fit.falloff
 
 
+def _without_paper(fit: FitOptions) -> Iterator[tuple[str, str, object, str]]:
+    """Yield what `_exclusions` yields, for inks on paper."""
+    inks, advice = fit.inks, '--inks "#0078bf,#ff48b0"'
+    if not isinstance(inks, str):
+        for name in ("paper", "overprint"):
+            if (value := getattr(fit, name)) is not None:
+                got = f"{value} with inks {inks}" if inks else str(value)
+                yield name, "be given with inks that are listed", got, advice
+        return
+    count, tones = inks.count(",") + 1, fit.overprint
+    if tones is not None and (tones + 1) ** count > MOST_INKS:
+        most = int(MOST_INKS ** (1 / count) + 1e-9) - 1
+        rule = f"make at most {MOST_INKS} mixes"
+        yield "overprint", rule, f"{tones} for {count} inks", str(most) if most else "fewer inks"
+    elif len(printed_colors(inks, fit.paper, tones)) < LEAST_INKS:
+        yield "inks", "be another colour than the paper", inks, advice
+
+
 def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
     """Yield for each conflict the name of an option, the rule it breaks, its value, and advice."""
     goal, fit, svg, layered = options.goal, options.fit, options.svg, _layered(options)
@@ -578,6 +612,7 @@ def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
         names += [name for name in ("palette", "stops") if getattr(svg, name) is not None]
         for name in (*names, *layered):
             yield name, f"not be given with inks, because {why}", f"inks {fit.inks}", "without it"
+    yield from _without_paper(fit)
     for name in ("per_round", "round_iterations", "schedule") if goal.count_adapts else ():
         value = getattr(options.densify, name)
         if value != getattr(DensifyOptions, name):

@@ -19,13 +19,14 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.photo.pixels import Photo, over, pixels_of
 from gauss2svg.pipeline.budgets import measured_size
+from gauss2svg.pipeline.inked import far_colors
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.scene.inks import ink_colors, used_inks
-from gauss2svg.svg import MINIMAL
+from gauss2svg.scene.inks import ink_colors, inks_in, printed_colors
+from gauss2svg.svg import CURRENT_COLOR, MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
 from gauss2svg.without_scipy import nearest_entry
@@ -49,6 +50,7 @@ def run_report(
         **options.flat(),
         "quality": None if chosen.is_budget else chosen.goal.quality or DEFAULT_PRESET,
         # Values that the run has chosen for options that the user did not give.
+        **dict(zip(("inks", "paper", "overprint"), plan.printed or (), strict=False)),
         **_sides("", photo.original_size),
         **_sides("fit_", subject.size),
         **_sides("measured_", measured.raster.shape[1::-1]),
@@ -69,7 +71,7 @@ def run_report(
         "rounds": fitted.rounds,
         "corrections": outcome.corrections,
         "rollbacks": fitted.rollbacks,
-        "ink_shares": _ink_shares(options.fit.inks, measured.raster),
+        "ink_shares": _ink_shares(_printed(plan), measured.raster),
         "colors": len(np.unique(np.round(_colors(file.scene) * 255), axis=0)),
         "gradients": svg.count("<radialGradient") + svg.count("<linearGradient"),
         "area_share": 0.0 if found is None else found.explained,
@@ -99,17 +101,23 @@ def _colors(scene: Scene) -> NDArray[np.float64]:
     return np.concatenate([scene.color, np.reshape(flat, (-1, 3))])
 
 
-def _ink_shares(inks: Any, raster: NDArray[np.float32]) -> list[float] | None:
-    """Return for each ink the share of the visible pixels to which it is nearest.
+def _printed(plan: Plan) -> tuple[str, str | None, int | None] | None:
+    """Return the inks, the paper and the strengths of a run, or None if it has no inks."""
+    inks = plan.options.fit.inks
+    return plan.printed or ((inks, None, None) if isinstance(inks, str) else None)
 
-    Return None if `inks` is not a list "#rrggbb,#rrggbb,..", because the run has no inks.
-    """
-    if not isinstance(inks, str):
+
+def _ink_shares(
+    printed: tuple[str, str | None, int | None] | None, raster: NDArray[np.float32]
+) -> list[float] | None:
+    """Return for each ink the mean of its strength in the colours nearest to visible pixels."""
+    if printed is None:
         return None
-    pixels, table = raster.reshape(-1, raster.shape[2]), ink_colors(inks)
+    mixes = printed_colors(*printed)
+    pixels, table = raster.reshape(-1, raster.shape[2]), ink_colors(",".join(mixes))
     visible = pixels if pixels.shape[1] == 3 else pixels[pixels[:, 3] >= 0.5]
     entry = nearest_entry(table, visible[:, :3].astype(np.float64))[1]
-    counts = np.bincount(entry, minlength=len(table))
+    counts = np.bincount(entry, minlength=len(table)) @ np.array([*mixes.values()])
     return [round(share, 4) for share in (counts / max(1, len(visible))).tolist()]
 
 
@@ -148,6 +156,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             "the file is in minimal markup, which is closer in as few bytes but has no names or "
             "layers. For Inkscape, Figma and other editors give --markup editable"
         )
+    if plan.options.svg.current_color and CURRENT_COLOR not in outcome.file.svg:
+        yield "--current-color has no effect, because this is no drawing of areas in one colour"
     if plan.sketch:
         whole = decibels(psnr(outcome.measured.raster, pixels_of(photo)))
         yield (
@@ -155,12 +165,15 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             f"without shadows, grain and stains. With them it is {whole}. For these give --areas "
             "never"
         )
-    inks = plan.options.fit.inks
-    if isinstance(inks, str):
-        used = used_inks(outcome.file.scene, inks)
-        unused = ", ".join(ink for ink in inks.split(",") if ink not in used)
+    if printed := _printed(plan):
+        used = [*inks_in(outcome.file.scene, *printed), printed[1]]
+        unused = ", ".join(ink for ink in printed[0].split(",") if ink not in used)
         if unused:
             yield f"not used: {unused} of the inks, because other inks are closer everywhere"
+    if plan.printed and (far := far_colors(outcome.measured.raster, outcome.subject.photo)):
+        overprint = plan.printed[2]
+        mixed = "" if overprint and overprint > 1 else ", or --overprint 3 if they may mix"
+        yield f"{far}. Try inks of its colours, such as those of --inks 4{mixed}"
     # Only users who have raised the rate above 1 are told that the fit diverged, because they can
     # lower the rate again.
     if outcome.fitted.rollbacks and rate > 1:

@@ -7,13 +7,13 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Never
+from typing import TYPE_CHECKING, Any, Never
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.pixels import Sprite, sprite_of
-from gauss2svg.errors import InputError, refusal, required
+from gauss2svg.errors import InputError, instance, refusal, required
 from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores, decibels
@@ -43,11 +43,15 @@ from gauss2svg.pipeline.run import Run, watched
 from gauss2svg.processes import held_bytes
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.scene.inks import used_inks
-from gauss2svg.svg import Document
+from gauss2svg.scene.inks import inks_in
+from gauss2svg.svg import Document, Plotter, SvgFormat
+from gauss2svg.svg.cut import CUT_UNIT, Regions
 from gauss2svg.svg.element import LARGEST_NUMBER
 from gauss2svg.svg.file import file_bytes, image, is_svgz
-from gauss2svg.svg.write import outline_svg, plate_svg
+from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
+
+if TYPE_CHECKING:
+    from gauss2svg.pipeline.plot import Plot
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,29 +88,71 @@ class Result:
             gzip = is_svgz(path) or bool(self.report["gzip"])
         write_atomically(path, file_bytes(self.svg, Field("gzip", bool).checked(gzip)))
 
-    def outline(self, pens: int | None = None) -> str:
-        """Return the text of an SVG with the outlines of the shapes (see gauss2svg.outline_svg)."""
-        return outline_svg(self.scene, self.document, pens=pens)
+    def outline(self, cut: bool = False, trap: float = 0.0) -> str:
+        """Return the text of an SVG with the outlines of the shapes (see gauss2svg.outline_svg).
+
+        cut, trap  as in `plates`. With `cut` the outlines are those of each ink's region instead
+        """
+        scene = self.scene
+        if cut:
+            used = inks_in(scene, *self._printed).values()
+            scene = self._regions.outlines({c for t in used for c in t if t[c]}, trap)
+        return outline_svg(scene, self.document)
+
+    def plot(self, plotter: Plotter | None = None) -> Plot:
+        """Return the strokes of a pen plotter. Plot.svg is the text of an SVG with them.
+
+        If the run had inks, each of them has a pen.
+        """
+        from gauss2svg.pipeline.plot import plotted  # imported here because few runs need it
+
+        plotter = instance(plotter, "plotter", Plotter)
+        inks, paper, overprint = (self.report[key] for key in ("inks", "paper", "overprint"))
+        return plotted(self.scene, plotter, self.document, inks, paper, overprint)
 
     @property
     def hiding(self) -> int:
         """Number of shapes that hide what is below them: nearly opaque shapes with crisp rims."""
         return int(np.count_nonzero((self.scene.opacity >= 0.95) & (self.scene.beta >= 3.0)))
 
-    def plates(self) -> dict[str, str]:
+    def plates(self, cut: bool = False, trap: float = 0.0, marks: bool = False) -> dict[str, str]:
         """Return a dict that has an SVG for each ink, under the ink's #rrggbb.
 
+        cut    whether a plate is the region in which its ink is seen, as closed paths without white
+               ones over them. This needs the extra `cut`
+        trap   width in mm by which regions spread below darker ones beside them. It needs `cut`
+        marks  whether a plate has a margin with register marks, its number and its ink
+
         The SVG is the plate of the ink (see gauss2svg.plate_svg). The dict is in the order of the
-        inks. Inks that are not used have no plate. Raise InputError if the run had no inks.
+        inks. The paper and inks that are not used have no plate. Raise InputError if the run had no
+        inks, and CutMissingError if `cut` needs a package that is not installed.
         """
-        if self.report["inks"] is None:
+        printed, regions = self._printed, self._regions if cut else None
+        inks = printed[0].split(",")
+
+        def plate(ink: str, tones: dict[str, float]) -> str:
+            document = dataclasses.replace(self.document, title=f"{self.document.title}: {ink}")
+            name = f"{inks.index(ink) + 1} of {len(inks)}: {ink}"
+            if regions is None:
+                svg = plate_svg(self.scene, tones, document)
+            else:
+                cut_format = SvgFormat(precision=CUT_UNIT)
+                svg = write_svg(regions.plate(tones, trap), cut_format, document)
+            return with_marks(svg, self.scene, document, name) if marks else svg
+
+        return {ink: plate(ink, tones) for ink, tones in inks_in(self.scene, *printed).items()}
+
+    @property
+    def _printed(self) -> tuple[str, str | None, int | None]:
+        """The inks, the paper and the tones of the run. Raise InputError if it had no inks."""
+        inks, paper, tones = (self.report[key] for key in ("inks", "paper", "overprint"))
+        if inks is None:
             raise InputError("inks must be given for plates; got none. Try FitOptions(inks=6)")
+        return inks, paper, tones
 
-        def plate(ink: str) -> str:
-            title = f"{self.document.title}: {ink}"
-            return plate_svg(self.scene, ink, dataclasses.replace(self.document, title=title))
-
-        return {ink: plate(ink) for ink in used_inks(self.scene, self.report["inks"])}
+    @property
+    def _regions(self) -> Regions:
+        return Regions(self.scene, self.document.mm_each(self.scene.width))
 
     def _repr_html_(self) -> str:
         alt = self.document.alt or self.document.title
@@ -198,6 +244,7 @@ def vectorize_by(
         start = with_ellipses_as_areas(start)
     plan = Plan(options, starts=start is not None, has_areas=has_areas, has_focus=focus is not None)
     plan.check_renderer()
+    plan = plan.on_paper()
     run = Run(options.run, progress, stop, started)
     if start is not None and ADD in (start.blend, options.fit.blend):
         got = f"a scene of {start.blend} for a file of {options.fit.blend}"

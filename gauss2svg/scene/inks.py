@@ -1,7 +1,12 @@
-"""Inks: the few colours in which a picture is drawn. A user lists them, or they are chosen here."""
+"""Inks: the few colours in which a picture is drawn. A user lists them, or they are chosen here.
+
+On paper, a picture also has the paper's colour where nothing is printed. If the inks overprint, it
+has the products of paper and inks too (printed_colors).
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import re
@@ -27,6 +32,11 @@ else:
     Inks = int | str
 
 LEAST_INKS, MOST_INKS = 2, 64
+MOST_TONES = 7  # tones of an ink that overprints. Two inks then have 64 mixes
+WHITE = "#ffffff"
+# The paper of a list of inks is white unless one of them is at most this far from white. The
+# distance is that of levels of sRGB in 0..1. A pale cream is .15 away, and a pale skin .3.
+NEAR_WHITE = 0.4
 PALETTE_SUFFIX = ".gpl"
 _ADVICE = '6, or "#f7c306,#c0322c,#17324d"'
 _PALETTE_HEAD = "GIMP Palette"
@@ -93,8 +103,8 @@ def check_inks(name: str, value: Any) -> int | str:
     name   name of the option, which errors show
     value  a number, hex colours in a text or a sequence, or the path of a .gpl file
 
-    Raise InputError if the value is none of these, if the number of inks is not in
-    LEAST_INKS..MOST_INKS, or if a colour occurs twice.
+    Raise InputError if the value is none of these, if the number of inks to choose is not in
+    LEAST_INKS..MOST_INKS, if more than MOST_INKS are listed, or if a colour occurs twice.
     """
     value = plain_scalar(value)
     if isinstance(value, str) and value.strip().isdecimal():
@@ -112,10 +122,8 @@ def check_inks(name: str, value: Any) -> int | str:
         needed = "colours such as #c0322c or red, a number of them or a .gpl file"
         close = str(error) if isinstance(error, ValueError) else ""
         raise refusal(name, needed, quoted(value), close or _ADVICE) from None
-    if not LEAST_INKS <= len(inks) == len(set(inks)) <= MOST_INKS:
-        raise refusal(
-            name, f"{LEAST_INKS} to {MOST_INKS} different colours", quoted(value), _ADVICE
-        )
+    if not 1 <= len(inks) == len(set(inks)) <= MOST_INKS:
+        raise refusal(name, f"1 to {MOST_INKS} different colours", quoted(value), _ADVICE)
     return ",".join(inks)
 
 
@@ -125,6 +133,50 @@ def ink_colors(inks: str) -> _Numbers:
 
     levels = [list(bytes.fromhex(ink.removeprefix("#"))) for ink in inks.split(",")]
     return np.array(levels, np.float64) / 255
+
+
+def check_paper(name: str, value: Any) -> str:
+    """Return a colour as "#rrggbb". Raise InputError if `value` is not a colour."""
+    try:
+        return hex_of(value)
+    except ValueError as error:
+        needed = "a colour such as white, #fa0 or #ffaa00"
+        raise refusal(name, needed, quoted(value), str(error)) from None
+
+
+def printed_colors(
+    inks: str, paper: str | None = None, tones: int | None = None
+) -> dict[str, tuple[float, ...]]:
+    """Return the colours "#rrggbb" of inks on paper, each with the strength 0..1 of every ink.
+
+    inks   "#rrggbb,#rrggbb,.."
+    paper  colour where no ink is printed, which is the first of the colours. If it is None and no
+           ink is near white, the paper is white. If an ink is, this ink is the paper, and is
+           printed
+    tones  None: each ink hides what is below it. A number: inks overprint in so many strengths
+
+    An ink of strength s lets through 1 - s (1 - ink) of each channel. Among inks that overprint,
+    a colour is the product of these and the paper. If several mixes have the same colour, the one
+    of least strength is taken.
+    """
+    import numpy as np
+
+    colors = ink_colors(inks)
+    if paper is None and (np.square(1 - colors).sum(axis=1) > NEAR_WHITE**2).all():
+        paper = WHITE
+    count = len(colors)
+    if tones is None:
+        mixes = {} if paper is None else {paper: (0.0,) * count}
+        for k, ink in enumerate(inks.split(",")):
+            mixes.setdefault(ink, tuple(float(k == j) for j in range(count)))
+        return mixes
+    mixes, ground = {}, ink_colors(paper or WHITE)[0]
+    steps = itertools.product(range(tones + 1), repeat=count)
+    for step in sorted(steps, key=lambda step: (sum(step), step)):
+        strength = np.array(step)[:, None] / tones
+        name = ink_name(ground * (1 - strength * (1 - colors)).prod(axis=0))
+        mixes.setdefault(name, tuple(strength[:, 0].tolist()))
+    return mixes
 
 
 def ink_name(ink: _Numbers) -> str:
@@ -157,14 +209,13 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         return inks
     import numpy as np
 
-    from gauss2svg.photo.pixels import linear_light
     from gauss2svg.without_scipy import nearest_entry, weighted_means
 
     colors, counts = _colors(pixels)
     if inks > len(colors):
         needed = f"at most {len(colors)}, the number of colours in the picture"
         raise refusal("inks", needed, str(inks))
-    points = np.cbrt(linear_light(colors / 255) @ np.transpose(_TO_CONES)) @ np.transpose(_TO_LAB)
+    points = oklab(colors / 255)
     points *= [1, _CHROMA_FACTOR, _CHROMA_FACTOR]
     cell = np.unique(colors // _CELL_SIDE @ _CODE, return_inverse=True)[1]
     if cell.max() + 1 < _CELLS_PER_INK * inks:
@@ -205,6 +256,15 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
             at = members[np.square(points[members] - centers[k]).sum(axis=1).argmin()]
         chosen.append((-float(points[at, 0]), "#" + bytes(colors[at].tolist()).hex()))
     return ",".join(ink for _, ink in sorted(chosen))
+
+
+def oklab(colors: NDArray[np.floating]) -> _Numbers:
+    """Return L, a and b (.., 3) of sRGB colours (.., 3) in 0..1."""
+    import numpy as np
+
+    from gauss2svg.photo.pixels import linear_light
+
+    return np.cbrt(linear_light(colors) @ np.transpose(_TO_CONES)) @ np.transpose(_TO_LAB)
 
 
 def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
@@ -260,7 +320,17 @@ def _read_palette(name: str, path: str) -> list[str]:
     return list(colors)
 
 
-def used_inks(scene: Scene, inks: str) -> list[str]:
-    """Return those inks of the list "#rrggbb,#rrggbb,.." that occur in the scene."""
+def inks_in(
+    scene: Scene, inks: str, paper: str | None = None, tones: int | None = None
+) -> dict[str, dict[str, float]]:
+    """Return the inks that a scene needs, each with its strength in every colour of the scene.
+
+    inks, paper, tones  as in printed_colors. The colours of the scene are among theirs
+    """
     used = {ink_name(ink) for ink in inks_of_scene(scene)}
-    return [ink for ink in inks.split(",") if ink in used]
+    colors = printed_colors(inks, paper, tones)
+    strengths = {
+        ink: {color: strength[k] for color, strength in colors.items() if color in used}
+        for k, ink in enumerate(inks.split(","))
+    }
+    return {ink: tones for ink, tones in strengths.items() if any(tones.values())}

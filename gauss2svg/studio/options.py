@@ -30,7 +30,7 @@ USES: dict[str, tuple[str, dict[str, Any]]] = {
     "drawing": ("Logo or drawing", {"areas": "always"}),
     "poster": ("Poster in inks", {"inks": 6}),
     "placeholder": ("Placeholder", {"max_bytes": 1000, "markup": "minimal"}),
-    "plotter": ("Plotter", {"gaussians": 800, "inks": 4, "size": "200mm", "areas": "never"}),
+    "plotter": ("Plotter", {"quality": "fast"}),
 }
 _UNIT = re.compile(r"\((dB|s|px)\)")
 

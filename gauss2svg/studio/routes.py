@@ -28,11 +28,12 @@ from gauss2svg.measure import SCORES
 from gauss2svg.measure.heatmap import MOST, legend
 from gauss2svg.photo import SUFFIXES
 from gauss2svg.raster.isolated import draw
+from gauss2svg.scene import Scene
 from gauss2svg.studio import uploads
 from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, wait_until
 from gauss2svg.studio.options import MOST_DRAWN, USES, form, lines_of, options_of
 from gauss2svg.studio.worker import MASK
-from gauss2svg.svg import Markup
+from gauss2svg.svg import Document, Markup, Plotter
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
@@ -46,7 +47,7 @@ _FIGURES = (
 )  # fmt: skip
 _FILES = (
     MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz", "outline.svg",
-    "pens.svg", "plates.zip", "placeholder.html",
+    "plates.zip", "placeholder.html",
 )  # fmt: skip
 
 
@@ -324,6 +325,23 @@ async def png(
         data = await asyncio.to_thread(as_png, pixels)
     headers = _attachment(job, f"-{wide}.png") if download else {}
     return Response(data, media_type="image/png", headers=headers)
+
+
+@router.get("/api/jobs/{name}/plot.svg", response_class=Response)
+async def plot(job: FinishedJob, studio: Studio) -> Response:
+    """Return the strokes of a pen plotter as a file, as the option --plot writes them."""
+    path, report = await _written(job, "scene.npz"), job.report or {}
+
+    def drawn() -> str:
+        from gauss2svg.pipeline.plot import plotted  # imported here because few runs need it
+
+        document = Document(title=report["title"], alt=report["alt"])
+        inks = [report[key] for key in ("inks", "paper", "overprint")]
+        return plotted(Scene.load(path), Plotter(), document, *inks).svg
+
+    async with studio.drawing:
+        svg = await asyncio.to_thread(drawn)
+    return Response(svg, media_type="image/svg+xml", headers=_attachment(job, "-plot.svg"))
 
 
 @router.get("/api/jobs/{name}/data-uri.txt", response_class=Response)

@@ -146,20 +146,17 @@ def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
 def _saved_only(result: Result, name: str) -> Iterator[tuple[str, bytes]]:
     """Yield (name, bytes) of the files that users can save, but that the page does not show.
 
-    They are those of the options --outline, --pens and --separations, and of placeholders in HTML.
-    There is a pen for each ink, or one pen if there are no inks.
+    They are those of the options --outline and --separations, and of placeholders in HTML.
 
     name  file name of the photo
     """
-    inks = (result.report["inks"] or "").split(",")
-    # An additive picture has no outlines, and pens do not draw areas. Then there is no file.
+    # An additive picture has no outlines. Then there is no file.
     with suppress(Gauss2SvgError):
         yield "outline.svg", result.outline().encode()
-        yield "pens.svg", result.outline(pens=len(inks)).encode()
-    if inks != [""]:
+    if inks := result.report["inks"]:
         plates, stream = result.plates(), io.BytesIO()
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
-            for number, ink in enumerate(inks, start=1):
+            for number, ink in enumerate(inks.split(","), start=1):
                 if ink in plates:
                     zipped.writestr(f"{stem_of(name)}-plate-{number}.svg", plates[ink])
         yield "plates.zip", stream.getvalue()

@@ -20,15 +20,19 @@ from gauss2svg.options import Interval, OptionGroup
 # This attribute of the root has the size of the canvas in px. The root's own width and height may
 # be a size in print instead.
 CANVAS = "data-canvas"
+MOST_TRAP = 10.0  # mm by which regions of a cut file may spread
 MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})")
+_SHEET = re.compile(r"(\d+\.?\d*)x(\d+\.?\d*)mm")
+MOST_SHEET_MM = 5000.0  # longest side of a sheet
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
 # The number of decimals of a size. A size in cm is then exact to a micrometre.
 _DECIMALS = 4
 # This CSS rule hides all rounds above the round that the address of the file names.
+CURRENT_COLOR = '="currentColor"'  # end of an attribute with the colour that a page sets
 UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
@@ -76,6 +80,59 @@ def check_aspect(name: str, aspect: Any) -> str:
     return aspect
 
 
+def check_sheet(name: str, sheet: Any) -> str:
+    """Return `sheet`. Raise InputError unless it is the name of a paper or such as 300x200mm."""
+    match = _SHEET.fullmatch(sheet) if isinstance(sheet, str) else None
+    if sheet in _PAPERS or (
+        match and all(1 <= float(side) <= MOST_SHEET_MM for side in match.groups())
+    ):
+        return sheet
+    needed = f"{', '.join(_PAPERS)} or a width and a height such as 300x200mm"
+    raise refusal(name, needed, quoted(sheet), nearest(str(sheet), _PAPERS))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plotter(OptionGroup):
+    """Options for the drawing of a pen plotter."""
+
+    sheet: Annotated[str, check_sheet] = "a4"
+    """Paper on which the picture is as large as the margins allow: a4, letter and others, which
+    are turned as the picture is, or a width and a height such as 300x200mm."""
+
+    margin: Annotated[float, Interval(ge=0, le=1000.0)] = 15.0
+    """Width in mm at each side of the paper that stays white."""
+
+    pen_width: Annotated[float, Interval(ge=0.05, le=10.0)] = 0.3
+    """Width of the pen's strokes in mm."""
+
+    hatch: Annotated[float | None, Interval(ge=0.1, le=100.0)] = None
+    """Distance in mm of the hatching's lines in dark tones. Light tones have every second one. The
+    default is twice the pen's width for a photo, and no hatching for a drawing."""
+
+    hatch_angle: Annotated[float, Interval(ge=-360.0, le=360.0)] = 45.0
+    """Direction of the hatching of light tones, in degrees clockwise from left to right."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        least = min(self.sides(is_wide=False))
+        if min(self.room(least, least)) < 1:
+            needed = f"smaller for a sheet of {self.sheet}"
+            raise refusal("margin", needed, f"{self.margin:g} mm", f"{least / 10:g}")
+
+    def sides(self, is_wide: bool) -> tuple[float, float]:
+        """Return the width and height of the sheet in mm. A named paper lies flat if `is_wide`."""
+        if self.sheet in _PAPERS:
+            width, height = _PAPERS[self.sheet]
+            return (height, width) if is_wide else (width, height)
+        width, height = (float(side) for side in self.sheet.removesuffix("mm").split("x"))
+        return width, height
+
+    def room(self, width: float, height: float) -> tuple[float, float]:
+        """Return the width and height in mm of the place between the margins for centrelines."""
+        edges = 2 * self.margin + self.pen_width
+        return width - edges, height - edges
+
+
 @dataclass(frozen=True, kw_only=True)
 class Document(OptionGroup):
     """Options that say how a file presents its picture. The options for shapes are in SvgFormat."""
@@ -113,9 +170,9 @@ class Document(OptionGroup):
 
         The message is "OPTION must not be given with NAME, REASON. Try ADVICE".
 
-        name    what the file has in place of such layers, such as "pens"
+        name    what the file has in place of such layers, such as "layers inks"
         reason  clause that says why, such as "whose layers are no rounds"
-        advice  what the user can do instead, such as "outlines without pens"
+        advice  what the user can do instead, such as "layers rounds"
         """
         for option in self.layered:
             raise InputError(f"{option} must not be given with {name}, {reason}. Try {advice}")
@@ -257,3 +314,7 @@ class SvgFormat(OptionGroup):
 
     opacity_decimals: Annotated[int, Interval(ge=1, le=6)] = 2
     """Decimals of fill-opacity."""
+
+    current_color: bool = False
+    """Write the colour of a drawing of one colour as currentColor, with that colour at the root.
+    The background is another one, or there is none."""

@@ -204,8 +204,9 @@ def _size_and_aspect(document: Document, scene: Scene, unit: float) -> dict[str,
 
 
 def _title_and_desc(document: Document) -> list[Element]:
-    title = "" if document.title == DEFAULT_TITLE else document.title
-    named = {"title": title, "desc": document.alt or ""}
+    """Return the title and the description. An alt without a title is the title, for its name."""
+    title, alt = "" if document.title == DEFAULT_TITLE else document.title, document.alt or ""
+    named = {"title": title or alt, "desc": alt if title else ""}
     return [Element(tag, escape(text)) for tag, text in named.items() if text]
 
 

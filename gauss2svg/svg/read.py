@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, SOFT, Area
 from gauss2svg.scene.falloff import covered_radius, cut_radius
-from gauss2svg.svg import CANVAS, read_areas, read_shapes
+from gauss2svg.svg import CANVAS, CURRENT_COLOR, read_areas, read_shapes
 from gauss2svg.svg.file import (
     INKSCAPE,
     MOST_BYTES,
@@ -64,6 +64,7 @@ _DEEPEST = 100  # largest depth of nested groups
 # largest number of gradients in such a chain. In files of Inkscape there are two.
 _LONGEST_CHAIN = 9
 _LABEL = INKSCAPE + "label"
+_OWN_COLOR = re.compile(' color="([^"]*)"')
 _ROUND_LABEL = re.compile(r"Round ([1-9]\d{0,8})\b")
 _ROUND_ID = re.compile(r"(?:below-area-\d+-)?round-([1-9]\d{0,8})")
 _GROUPS = {"svg", "g", "use"}
@@ -141,7 +142,16 @@ def read_svg(
     if text.count("<") - text.count("</") > max_elements:
         needed = f"of at most {max_elements} elements"
         raise refusal("the SVG", needed, "more", "a larger max_elements if you trust it")
-    return _Reader(parse(text), background, skip_hidden).scene()
+    return _Reader(parse(_in_own_color(text)), background, skip_hidden).scene()
+
+
+def _in_own_color(text: str) -> str:
+    """Return a file with the colour of its root in place of currentColor."""
+    root = text[: text.find(">")]
+    own = _OWN_COLOR.search(root)
+    if CURRENT_COLOR not in text or text.count(' color="') != bool(own):
+        return text
+    return text.replace(CURRENT_COLOR, f'="{own[1] if own else "#000"}"')
 
 
 class _State(NamedTuple):

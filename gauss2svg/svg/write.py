@@ -16,18 +16,22 @@ page and for a file that is opened by itself. aria-labelledby would add nothing.
 from __future__ import annotations
 
 import dataclasses
+import re
+from collections.abc import Mapping
+from html import escape
 from typing import TYPE_CHECKING
 
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg import CANVAS, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
-from gauss2svg.svg.element import Element
+from gauss2svg.svg import CANVAS, CURRENT_COLOR, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
+from gauss2svg.svg.element import Element, attributes_text, hex_color, number
 from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.version import __version__
 
 if TYPE_CHECKING:
     from gauss2svg.svg.encode import Drawing
 
+MARK_MARGIN = 12.0  # mm around a plate, in which its marks and its name are
 OUTLINE_WIDTH = 0.5  # default width of a stroke, in px
 _PORTABLE = "the alpha-composited form (--portable)"
 
@@ -84,6 +88,9 @@ def ordered_svg(
 
     masked  as in gauss2svg.svg.minimal.minimal_svg
     """
+    if svg_format.current_color:
+        plain_format = dataclasses.replace(svg_format, current_color=False)
+        return _in_current_color(ordered_svg(scene, plain_format, document, masked), scene)
     is_minimal, is_additive = svg_format.markup == MINIMAL, scene.blend == ADD
     if svg_format.form != GRADIENT and (is_minimal or is_additive):
         why = "in minimal markup" if is_minimal else "for an additive scene, whose blurs do not add"
@@ -100,16 +107,39 @@ def ordered_svg(
         # Imported here because minimal files do not need this module.
         from gauss2svg.svg.encode import encode
 
-        return _text(encode(scene, svg_format, document), scene, document)
+        return text_of(encode(scene, svg_format, document), scene, document)
     document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
     # Imported here because few files need the kernels of this module.
     from gauss2svg.svg.additive import encode_additive
 
-    return _text(encode_additive(scene, svg_format), scene, document)
+    return text_of(encode_additive(scene, svg_format), scene, document)
 
 
-def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
-    """Return the SVG text of the plate of an ink. It is black where the ink #rrggbb is visible.
+def _in_current_color(svg: str, scene: Scene) -> str:
+    """Return a file in which the only colour of a scene's areas is currentColor.
+
+    The file of a scene with other colours or with Gaussians is returned as it is.
+    """
+    paints = {area.paint for area in scene.areas if isinstance(area.paint, tuple)}
+    texts = {hex_color([round(255 * level) for level in paint]) for paint in paints}
+    ground = "" if scene.transparent else hex_color(round(255 * v) for v in scene.background)
+    has_others = len(scene) or any(not isinstance(area.paint, tuple) for area in scene.areas)
+    if has_others or len(texts - {ground}) != 1:
+        return svg
+    (color,) = texts - {ground}
+    svg = re.sub(f'(fill|stroke)="{color}"', rf"\1{CURRENT_COLOR}", svg)
+    # Minimal markup has no black fills, because black is the default.
+    root = f"<svg fill{CURRENT_COLOR}" if color == "#000" else f'<svg color="{color}"'
+    return svg.replace("<svg", root, 1)
+
+
+def plate_svg(
+    scene: Scene, ink: str | Mapping[str, float], document: Document | None = None
+) -> str:
+    """Return the SVG text of the plate of an ink. It is black where the ink is visible.
+
+    ink  colour #rrggbb of the ink. If it overprints, its strengths in the colours of the scene,
+         such as {"#ff48b0": 1, "#002077": 0.5}. A strength of 0.5 is grey, and other colours are 0
 
     All plates of a scene have the same size, so that they can be printed over each other. Raise
     InputError if the scene is not in inks (Scene.inks), or if it does not have this ink.
@@ -117,32 +147,68 @@ def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
     # Imported here because few files need this module.
     from gauss2svg.svg.plates_and_pens import plate_of
 
-    plate = plate_of(required(scene, "scene", Scene), ink)
+    tones = {ink: 1.0} if isinstance(ink, str) else ink
+    plate = plate_of(required(scene, "scene", Scene), tones)
     return write_svg(plate, SvgFormat(layers=INKS), document)
 
 
+def with_marks(plate: str, scene: Scene, document: Document | None, name: str) -> str:
+    """Return a plate with a margin around it that has register marks and a name.
+
+    plate     SVG text of the plate
+    scene     the scene of which it is, with its document
+    name      text in the margin, such as "1 of 2: #0078bf"
+
+    The marks are crosses in circles, in the middle of each side. They are at the same places of all
+    plates, so that sheets can be aligned. Lengths are in mm on paper.
+    """
+    document = instance(document, "document", Document)
+    each = document.mm_each(scene.width)
+    width, height, margin = each * scene.width, each * scene.height, MARK_MARGIN
+    across, down = width + 2 * margin, height + 2 * margin
+    middles = ((across / 2, margin / 2), (across / 2, down - margin / 2))
+    middles += ((margin / 2, down / 2), (across - margin / 2, down / 2))
+    r, d = MARK_MARGIN / 4, ""
+    for x, y in middles:
+        d += f"M{x - r:.3f} {y:.3f}h{2 * r}m{-r} {-r}v{2 * r}"
+        d += f"M{x + r / 2:.3f} {y:.3f}a{r / 2} {r / 2} 0 1 1 {-r} 0 {r / 2} {r / 2} 0 1 1 {r} 0"
+    # What reaches beyond the picture lies below this frame, even in editors that do not clip.
+    frame = (
+        f"M0 0H{across:.3f}V{down:.3f}H0zM{margin} {margin}v{height:.3f}h{width:.3f}v{-height:.3f}z"
+    )
+    text = {"x": str(margin), "y": number(down - 0.4 * margin, 3), "font_size": number(r * 1.5, 3)}
+    sides = {"width": number(across, 3), "height": number(down, 3)}
+    inner = {"x": str(margin), "y": str(margin), "width": number(width, 3)}
+    start = plate.index("<svg")
+    end = plate.index(">", start) + 1
+    root = re.sub(r' (width|height)="[^"]*"', "", plate[start:end])
+    root = root.replace("<svg", f"<svg{attributes_text(inner | {'height': number(height, 3)})}", 1)
+    body = [
+        Element("path", d=frame, fill="#fff"),
+        Element("path", d=d, fill="none", stroke="#000", stroke_width="0.2", id="marks"),
+        Element("text", escape(name), font_family="sans-serif", id="name", **text),
+    ]
+    texts = [one.text() for one in body]
+    texts.insert(0, root + plate[end:].rstrip())
+    outer = {"xmlns": "http://www.w3.org/2000/svg"} | {k: f"{v}mm" for k, v in sides.items()}
+    outer["viewBox"] = f"0 0 {sides['width']} {sides['height']}"
+    head = '<?xml version="1.0" encoding="utf-8"?>\n'
+    return f"{head}<svg{attributes_text(outer)}>{''.join(texts)}</svg>\n"
+
+
 def outline_svg(
-    scene: Scene,
-    document: Document | None = None,
-    stroke_width: float = OUTLINE_WIDTH,
-    pens: int | None = None,
+    scene: Scene, document: Document | None = None, stroke_width: float = OUTLINE_WIDTH
 ) -> str:
-    """Return the SVG text of a scene whose shapes are drawn as strokes alone, for plotters.
+    """Return the SVG text of a scene whose shapes are drawn as strokes alone.
 
     Each shape is an <ellipse> along the contour at which the falloff is half of its height. Its
     stroke is opaque and has the colour of the shape. The outlines of areas and the lines of a scene
     are such strokes too. The layers are those of write_svg. There is no background. Shapes whose
-    extent or opacity is written as 0 are left out.
+    extent or opacity is written as 0 are left out. Result.plot has the strokes of a pen plotter.
 
     stroke_width  width of a stroke in px, 0.01..100
-    pens          largest number of colours. With pens, each colour has a layer with its strokes,
-                  such as "1 #c0322c: ..". Strokes are cut at the edges of the page, and written in
-                  mm on paper. The page has the size of the document. If the document has no size,
-                  an inch on paper has 96 px
 
-    Raise InputError if the width or the number of pens is out of range, for an additive scene, and
-    for pens with areas. Also raise InputError for pens with animation or fragments, because these
-    need a layer for each round.
+    Raise InputError if the width is out of range, and for an additive scene.
     """
     scene = required(scene, "scene", Scene)
     document = instance(document, "document", Document)
@@ -152,10 +218,10 @@ def outline_svg(
     # Imported here because few files need this module.
     from gauss2svg.svg.plates_and_pens import encode_outlines
 
-    return _text(encode_outlines(scene, document, stroke_width, pens), scene, document)
+    return text_of(encode_outlines(scene, document, stroke_width), scene, document)
 
 
-def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
+def text_of(drawing: Drawing, scene: Scene, document: Document) -> str:
     """Return the text of a file.
 
     Its root has a size, a title and a description, and contains the elements of the drawing.

@@ -173,12 +173,13 @@ def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch, en
 def test_extra_that_is_missing_is_named_in_a_line(tmp_path, monkeypatch, refusal, pool_here):
     monkeypatch.chdir(tmp_path)
     save_photos(tmp_path / "in", ["a.png"])
-    for name in ("distributed", "fsspec.core", "fastapi"):
+    for name in ("distributed", "fsspec.core", "fastapi", "shapely"):
         monkeypatch.setitem(sys.modules, name, None)
     for words, extra in (
         ("batch in -o out --scheduler tcp://a:1", "cluster"),
         ("batch in -o s3://bucket/out", "s3"),
         ("studio", "studio"),
+        ("in/a.png -o out.svg --inks 2 --separations p.svg --cut", "cut"),
     ):
         assert f'Try pip install "gauss2svg[{extra}]"' in refusal(*words.split())
     assert main(["batch", "in", "-o", "out", *TINY_COMMAND]) == 0

@@ -219,11 +219,19 @@ def test_the_same_command_replaces_its_own_file(option, picture):
 def test_a_folder_takes_files_with_names(picture, tmp_path, refusal):
     folder = tmp_path / "out"
     folder.mkdir()
-    options = ["-o", "--outline", "--preview", "--report", "--save-scene", "--separations"]
+    options = [
+        "-o",
+        "--outline",
+        "--preview",
+        "--report",
+        "--save-scene",
+        "--separations",
+        "--plot",
+    ]
     given = [word for option in options for word in (option, str(folder))]
     command = [picture, *given, *QUICK, "--inks", "black,white", "--quiet"]
     assert main([str(word) for word in command]) == 0
-    kinds = [".svg", "-outline.svg", "-preview.png", "-report.json", "-scene.npz"]
+    kinds = [".svg", "-outline.svg", "-plot.svg", "-preview.png", "-report.json", "-scene.npz"]
     kinds += ["-separations-1.svg", "-separations-2.svg"]
     expected = sorted(picture.stem + kind for kind in kinds)
     assert sorted(path.name for path in folder.iterdir()) == expected

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scenes import random_scene
 
+from gauss2svg.areas.find import FoundAreas
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.pixels import stacked
-from gauss2svg.pipeline.area_colors import with_solved_colors
+from gauss2svg.pipeline.area_colors import with_shared_colors, with_solved_colors
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import Area, LinearGradient, Outline, RadialGradient
@@ -91,3 +92,30 @@ def test_solved_colors_are_closer_than_any_nearby():
     for by in (0.02, 0.05):
         assert error(shifted(found, by)) > best
     assert error(scene) > best
+
+
+def test_equal_flat_colors_stay_equal_when_they_are_solved():
+    scene = scene_of(False, ABOVE)
+    one = tuple(np.round(255 * np.array([0.3, 0.5, 0.7])) / 255)
+    areas = [a if k == 0 else dataclasses.replace(a, paint=one) for k, a in enumerate(scene.areas)]
+    picture = np.clip(render(scene.replace(areas=areas)) + 0.1, 0, 1)
+    found = with_solved_colors(scene.replace(areas=areas, background=one), picture)
+    assert len({area.paint for area in found.areas[1:]} | {tuple(found.background)}) == 1
+    assert found.areas[-1].paint != one
+
+
+@pytest.mark.parametrize("is_noisy", [False, True])
+def test_nearly_equal_colors_become_that_of_the_larger_area(is_noisy):
+    def area(side, level):
+        ring = Outline(((0, 0), (side, 0), (side, side), (0, side)), (False,) * 4)
+        return Area((ring,), (level / 255, 0.5, 0.5))
+
+    levels = {30: 100.0, 6: 115.0, 28: 108.0, 29: 101.0, 5: 200.0}
+    areas = tuple(area(side, level) for side, level in levels.items())
+    found = FoundAreas(areas, (100.9 / 255, 0.5, 0.5), 1.0, 40.0, 0.0, 0.0)
+    shared = with_shared_colors(found, is_noisy)
+    assert shared.background == found.background
+    reds = [round(255 * one.paint[0], 6) for one in shared.areas]
+    # 7 levels are little for 36 px of a picture with noise, but not for 784 px.
+    assert reds == [100.9, 108 if is_noisy else 115, 108, 100.9, 200]
+    assert with_shared_colors(shared, is_noisy) == shared

@@ -67,10 +67,10 @@ def test_files_beside_the_svg_are_those_of_the_commands_options(server, png, tmp
     small = server.wait(server.submit(png, max_bytes=1000, markup="minimal"))
     words = shlex.split(poster["lines"]["command"])[1:]
     main([*words, "--outline", "outline.svg", "--separations", "p-plate.svg"])
-    main([*words, "--outline", "pens.svg", "--pens", "3"])
+    main([*words, "--plot", "plot.svg"])
     main(["placeholder", "p.png", "-o", "placeholder.html"])
     for job, made, other in (
-        (poster, ["outline.svg", "pens.svg", "plates.zip"], "placeholder.html"),
+        (poster, ["outline.svg", "plates.zip"], "placeholder.html"),
         (small, ["placeholder.html"], "plates.zip"),
     ):
         home = f"/api/jobs/{job['id']}"
@@ -80,6 +80,8 @@ def test_files_beside_the_svg_are_those_of_the_commands_options(server, png, tmp
         for name in made:
             if name != "plates.zip":
                 assert server.get(f"{home}/{name}") == (tmp_path / name).read_bytes()
+    plot = server.get(f"/api/jobs/{poster['id']}/plot.svg")
+    assert plot == (tmp_path / "plot.svg").read_bytes()
     plates = zipfile.ZipFile(io.BytesIO(server.get(f"/api/jobs/{poster['id']}/plates.zip")))
     written = {path.name: path.read_bytes() for path in tmp_path.glob("p-plate-*.svg")}
     assert {name: plates.read(name) for name in plates.namelist()} == written

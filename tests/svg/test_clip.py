@@ -13,7 +13,6 @@ from gauss2svg.raster import rasterize
 from gauss2svg.scene import BLURRED, PLAIN, Area, Outline, Scene
 from gauss2svg.scene.falloff import covered_radius, cut_radius
 from gauss2svg.svg import Document, SvgFormat
-from gauss2svg.svg.file import stretched
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, plate_svg, write_svg
@@ -44,7 +43,6 @@ CLIPPED = {
 # What writes each kind of file that needs no clip.
 OTHERS = {
     "additive": lambda scene: write_svg(random_sum(len(scene), WIDTH, HEIGHT, 2)),
-    "pens": partial(outline_svg, stroke_width=3.0, pens=2),
 }
 
 
@@ -124,23 +122,6 @@ def test_a_file_has_a_clip_if_an_area_or_a_stroke_reaches_beyond_the_page(markup
 def test_a_background_that_is_larger_than_the_page_is_clipped():
     assert minimal_svg(Scene(40, 30), 1).count("<svg") == 1
     assert minimal_svg(Scene(40, 30), 7).count("<svg") == 2
-
-
-def test_strokes_of_pens_end_at_the_page_without_a_clip():
-    svg = OTHERS["pens"](spilling())
-    assert svg.count("<svg") == 1
-    width, height = map(float, re.search('viewBox="0 0 ([^"]*)"', svg)[1].split())
-    around = stretched(
-        svg.partition("?>\n")[2],
-        3 * WIDTH,
-        3 * HEIGHT,
-        f"-{width} -{height} {3 * width} {3 * height}",
-    )
-    drawn = rasterize(around, 3 * WIDTH, 3 * HEIGHT)
-    page = np.s_[HEIGHT : 2 * HEIGHT, WIDTH : 2 * WIDTH]
-    assert drawn[page].std() > 0.05
-    drawn[page] = 1
-    np.testing.assert_array_equal(drawn, 1)
 
 
 @pytest.mark.browser

@@ -13,7 +13,7 @@ from galleries import save
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from scenes import random_scene
+from scenes import random_areas, random_scene
 from svg_texts import assert_same
 
 from gauss2svg.cli.main import main
@@ -132,6 +132,20 @@ def test_options_of_the_document_reach_the_file_and_its_report_and_change_no_sha
     plain = vectorize(picture, **QUICK)
     circles = [re.findall("<circle[^>]*>", text) for text in (plain.svg, svg)]
     assert circles[0] == circles[1]
+
+
+@pytest.mark.parametrize("texts", [("T & U", "seen"), ("T & U", None), (None, "seen")])
+@pytest.mark.parametrize("areas", [0, 4])
+def test_minimal_files_keep_title_and_alt_and_have_a_name(texts, areas):
+    title, alt = texts
+    document = Document(alt=alt, **({"title": title} if title else {}))
+    scene = SCENE.replace(areas=random_areas(areas, 1))
+    root = parse(write_svg(scene, SvgFormat(markup="minimal", precision=0.5), document))
+    assert root.get("role") == "img"
+    assert [one.text for one in root if one.tag in (SVG + "title", SVG + "desc")] == [
+        text for text in texts if text
+    ]
+    assert root.findtext(SVG + "title")  # without one, screen readers have no name of the picture
 
 
 CRISP = SCENE.replace(opacity=np.ones(30), beta=np.full(30, 256.0))

@@ -358,6 +358,33 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+@pytest.mark.parametrize("color", [(0.0, 0.0, 0.0), (0.8, 0.2, 0.0)])
+@pytest.mark.parametrize("clear", [False, True])
+def test_a_drawing_of_one_colour_has_it_at_the_root_alone(markup, color, clear):
+    areas = [dataclasses.replace(a, paint=color, opacity=1) for a in random_areas(6, 2)]
+    scene = Scene(40, 30, areas=areas, transparent=clear)
+    plain, own = (
+        write_svg(scene, SvgFormat(markup=markup, current_color=is_own), Document(title="Icon"))
+        for is_own in (False, True)
+    )
+    np.testing.assert_array_equal(rasterize(own, 80, 60), rasterize(plain, 80, 60))
+    assert read_svg(own).areas == read_svg(plain).areas
+    assert Survey(own[own.index("<svg") :]).remarks == ()
+    assert own.count("#c30") == (color != (0, 0, 0))
+    assert "#000" not in own
+    # A page sets the colour.
+    red = re.sub(' color="[^"]*"', "", own).replace("<svg", '<svg color="#f00"', 1)
+    other = write_svg(
+        scene.replace(areas=[dataclasses.replace(a, paint=(1, 0, 0)) for a in areas]),
+        SvgFormat(markup=markup), Document(title="Icon"),
+    )  # fmt: skip
+    np.testing.assert_array_equal(rasterize(red, 80, 60), rasterize(other, 80, 60))
+    two = scene.replace(areas=[*areas[:-1], dataclasses.replace(areas[-1], paint=(0, 1, 0))])
+    svg_format = SvgFormat(markup=markup, current_color=True)
+    assert write_svg(two, svg_format) == write_svg(two, SvgFormat(markup=markup))
+
+
 @pytest.mark.parametrize("body", REFUSED)
 def test_areas_that_a_scene_cannot_have_are_refused_in_one_line(body):
     with pytest.raises(InputError, match=REFUSED[body]) as caught:
@@ -371,9 +398,6 @@ def test_scenes_that_a_file_cannot_have_are_refused():
     for area in (far, wide):
         with pytest.raises(SceneError, match=r"of an area must be at most 4e\+06 px .* got 1e\+08"):
             write_svg(Scene(40, 30, areas=[area]))
-    scene = Scene(40, 30, areas=[TRIANGLE])
-    with pytest.raises(InputError, match="a scene with pens must be without areas; got 1 areas"):
-        outline_svg(scene, pens=2)
     clear = dataclasses.replace(TRIANGLE, opacity=0.5)
     shaded = dataclasses.replace(TRIANGLE, paint=LinearGradient((0, 1), (RED, RED)))
     for area in (clear, shaded):

@@ -1,4 +1,4 @@
-"""Properties of files for printing and plotting: groups and plates of inks, outlines, pens."""
+"""Properties of files for printing and plotting: groups and plates of inks, and outlines."""
 
 import gzip
 import re
@@ -20,7 +20,7 @@ from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.plates_and_pens import grouped_by_ink, plate_of
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.read_shapes import color_of
-from gauss2svg.svg.write import outline_svg, plate_svg, write_svg
+from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
@@ -79,7 +79,7 @@ def test_plates_add_up_to_the_picture_and_leave_out_what_changes_nothing():
     np.testing.assert_allclose(total[inside], picture[inside], atol=1 / 255)
     assert np.abs(total - picture).mean() < 0.01
     one = np.where(np.arange(COUNT)[:, None] == 5, [1.0, 0, 0], ink_colors(INKS)[1])
-    assert len(plate_of(scene.replace(color=one), "#ff0000")) < COUNT
+    assert len(plate_of(scene.replace(color=one), {"#ff0000": 1.0})) < COUNT
 
 
 def test_every_shape_is_one_stroke_in_its_colour_and_nothing_is_filled():
@@ -113,38 +113,6 @@ def test_a_stroke_of_one_width_lies_where_the_falloff_is_half(sigma, rho, beta):
     assert (ink[distance < 0.1] > 0.5).all()
 
 
-@pytest.mark.parametrize("size", [None, "120mm"])
-def test_strokes_of_pens_are_those_of_the_page_alone(size):
-    scene = random_scene(60, 90, 70, 5, (4, 40), (1, 8)).replace(color=np.zeros((60, 3)))
-    svg = outline_svg(scene, Document(size=size), stroke_width=0.3, pens=1)
-    width = 120.0 if size else 90 * 25.4 / 96
-    page = pytest.approx([width, width * 70 / 90], abs=0.001)
-    root = parse(svg)
-    assert [float(root.get(side).removesuffix("mm")) for side in ("width", "height")] == page
-    assert [float(v) for v in root.get("viewBox").split()[2:]] == page
-    ends = re.findall(r"(-?[\d.]+) (-?[\d.]+)(?=A|M|\")", "".join(re.findall(r' d="[^"]*"', svg)))
-    assert len(ends) > 50
-    x, y = np.array(ends, float).T
-    assert 0 <= x.min() < x.max() <= width + 0.005
-    assert 0 <= y.min() < y.max() <= width * 70 / 90 + 0.005
-    # On the page nothing has gone, and nothing has come.
-    before = outline_svg(scene, stroke_width=0.3)
-    ink, inside = (rasterize(one, 450, 350)[:, :, 0] for one in (before, svg))
-    assert before.count("<ellipse") > svg.count("<ellipse") > 5
-    assert (np.abs(ink - inside)[2:-2, 2:-2] > 0.6).mean() < 0.0005
-
-
-def test_each_pen_is_a_layer_with_its_strokes_in_any_order_of_the_shapes():
-    scene = random_scene(120, 90, 70, 5, (2, 9), (1, 1)).replace(round_index=None)
-    mixed = scene.select(np.random.default_rng(1).permutation(120))
-    layers, others = (parse(outline_svg(one, pens=4)).findall(SVG + "g") for one in (scene, mixed))
-    assert {layer.get("stroke") for layer in layers} == {layer.get("stroke") for layer in others}
-    assert [layer.get("id") for layer in layers] == [f"pen-{k}" for k in (1, 2, 3, 4)]
-    for at, layer in enumerate(layers, start=1):
-        assert layer.get(LABEL) == f"{at} {layer.get('stroke')}: {len(layer)} strokes"
-        assert not any("stroke" in one.attrib for one in layer)
-
-
 def test_plates_and_outlines_are_files_beside_the_picture(photo, tmp_path, capsys):
     source, lines = tmp_path / "photo.png", tmp_path / "lines.svgz"
     source.write_bytes(as_png(photo))
@@ -167,16 +135,91 @@ def test_plates_and_outlines_are_files_beside_the_picture(photo, tmp_path, capsy
     assert result.outline().count("<ellipse") == len(result.scene)
 
 
+def test_plates_that_overprint_multiply_to_the_picture_on_its_paper(photo):
+    inks, paper = "#0078bf,#ff48b0", "#f5f0e6"
+    given = {"gaussians": 60, "iterations": 20, "inks": inks, "paper": paper, "overprint": 2}
+    result = vectorize(photo, **given)
+    assert {result.report[name] for name in ("inks", "paper", "overprint")} == {inks, paper, 2}
+    product = ink_colors(paper)[0]
+    for ink, plate in result.plates().items():
+        product = product * (1 - (1 - rasterize(plate, 180, 120)) * (1 - ink_colors(ink)[0]))
+    picture = rasterize(result.svg, 180, 120)
+    assert np.abs(product - picture).mean() < 0.005
+    assert result.scene.inks is not None
+    assert len(result.scene.inks) > 4
+
+
+def test_light_parts_are_paper_and_far_inks_are_named():
+    levels = np.full((40, 60, 3), 0.97, np.float32)
+    levels[10:30, 10:50] = [0.1, 0.6, 0.2]
+    result = vectorize(levels, inks="#0078bf,#ff48b0", gaussians=20, iterations=20)
+    assert result.report["paper"] == "#ffffff"
+    np.testing.assert_array_equal(result.scene.background, 1)
+    assert list(result.plates()) == ["#0078bf"]
+    assert any("far from" in note and "#1a9933" in note for note in result.report["notes"])
+    close = vectorize(levels, inks="#1a9933", gaussians=20, iterations=20).report
+    assert not any("far from" in note for note in close["notes"])
+
+
+def test_marks_are_at_the_same_places_around_all_plates_and_move_no_ink():
+    scene = scene_in_inks()
+    document = Document(size="90mm", title="A & B")
+    plates = {ink: plate_svg(scene, ink, document) for ink in INKS.split(",")}
+    seen = set()
+    for ink, plate in plates.items():
+        marked = with_marks(plate, scene, document, f"{ink} < 2")
+        root = parse(marked)
+        assert (root.get("width"), root.get("height")) == ("114mm", "94mm")
+        assert root.find(f"{SVG}svg/{SVG}title").text == "A & B"
+        assert root.find(f"{SVG}text").text == f"{ink} < 2"
+        sheet = rasterize(marked, 228, 188)
+        # resvg rounds the sides of a page to whole px of 1/96 inch.
+        assert np.abs(sheet[24:-24, 24:-24] - rasterize(plate, 180, 140)).mean() < 0.005
+        seen.add(root.find(f"{SVG}path[@id='marks']").get("d"))
+        assert sheet[:24].min() < 0.7
+    assert len(seen) == 1
+
+
+def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path):
+    source = tmp_path / "photo.png"
+    source.write_bytes(as_png(photo))
+    given = [source, "-o", tmp_path / "o.svg", "--inks", "#202020,#909090", "--gaussians", 40]
+    given += ["--iterations", 20, "--separations", tmp_path / "p.svg", "--marks", "--cut"]
+    assert main([*map(str, given), "--trap", "0.3", "--outline", str(tmp_path / "l.svg")]) == 0
+    result = vectorize(source, gaussians=40, iterations=20, inks="#202020,#909090")
+    plates = [(tmp_path / f"p-{k}.svg").read_text() for k in (1, 2)]
+    assert plates == list(result.plates(cut=True, trap=0.3, marks=True).values())
+    lines = (tmp_path / "l.svg").read_text()
+    assert lines == result.outline(cut=True, trap=0.3)
+    paths = re.findall(r'<path[^>]* stroke="([^"]*)"[^>]* d="([^"]*)"', lines)
+    assert [color for color, _ in paths] == ["#909090", "#202020"]
+    assert all(data.endswith("z") for _, data in paths)
+    assert not any("<circle" in one or "<ellipse" in one for one in (*plates, lines))
+
+
 @pytest.mark.parametrize(
     ("given", "why"),
     [
+        ("--inks 3 --paper red", "--paper must be given with --inks that are listed"),
+        ("--overprint 2", "--overprint must be given with --inks that are listed"),
+        ("--inks red,#00f,lime,#ff0 --overprint 2", "mixes; got 2 for 4 inks. Try 1"),
+        ("--inks white", "--inks must be another colour than the paper; got #ffffff"),
+        ("--inks red --paper griin", "--paper must be a colour"),
+        ("--inks 3 --cut", "--cut must be given with --inks, and with --separations or"),
+        ("--inks 3 --separations p.svg --trap 0.2", "--trap must be given with --cut"),
+        ("--inks 3 --marks", "--marks must be given with --separations"),
         ("--separations p.svg", "--separations must be given with --inks"),
         ("--inks 3 --separations photo.svg", "is also the photo"),
-        ("--pens 3", "--pens must be given with --outline"),
-        ("--pens 2 --outline l.svg --animate 2", "not be given with --animate"),
+        ("--sheet a3", "--sheet must be given with --plot; got a3 alone. Try --plot plot.svg"),
+        ("--plot p.svg --sheet a33", "or a width and a height such as 300x200mm; got 'a33'"),
+        (
+            "--plot p.svg --sheet 20x20mm",
+            "margin must be smaller for a sheet of 20x20mm; got",
+        ),
+        ("--plot photo-1.svg", "is also the photo"),
     ],
 )
-def test_bad_inks_and_pens_are_one_line_and_no_file(given, why, tmp_path, monkeypatch, refusal):
+def test_bad_inks_and_sheets_are_one_line_and_no_file(given, why, tmp_path, monkeypatch, refusal):
     monkeypatch.chdir(tmp_path)
     levels = np.zeros((20, 30, 3))
     levels[5:, 10:] = 1

@@ -1,5 +1,6 @@
 """Properties of files: no script, no entity, nothing from outside, whatever is said in them."""
 
+import dataclasses
 import re
 from collections import defaultdict
 from functools import partial
@@ -14,10 +15,12 @@ from hypothesis import strategies as st
 from scenes import random_areas, random_scene, random_sum, with_levels
 
 from gauss2svg.errors import InputError, SceneError
+from gauss2svg.pipeline.plot import plotted
 from gauss2svg.scene import PLAIN, Scene
-from gauss2svg.svg import Document, Form, SvgFormat
+from gauss2svg.scene.inks import ink_name
+from gauss2svg.svg import Document, Form, Plotter, SvgFormat
 from gauss2svg.svg.minimal import minimal_svg
-from gauss2svg.svg.write import outline_svg, plate_svg, write_svg
+from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
 
 SCENE, ADDITIVE = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
 IN_INKS = SCENE.replace(
@@ -27,6 +30,8 @@ CRISP = SCENE.replace(beta=np.full(8, 64.0), opacity=np.resize([0.5, 1.0], 8))
 ROUND = next(one for one in random_areas(40, 5) if (one.cap, one.width) == ("round", 3))
 AREAS = SCENE.replace(areas=[*random_areas(40, 5), ROUND, ROUND])  # the last are a group
 AREAS = with_levels(AREAS.select([0, 1]), 5).concatenate(AREAS.replace(areas=()))
+ONE_COLOUR = [dataclasses.replace(a, paint=(0.2, 0, 0)) for a in AREAS.areas]
+ICON = AREAS.select([]).replace(areas=ONE_COLOUR)
 MINIMAL = SvgFormat(markup="minimal", precision=0.5)
 BY_INK = SvgFormat(layers="inks")
 # What writes each kind of file with the names of a document.
@@ -35,7 +40,7 @@ WRITERS = {
     "stops": partial(write_svg, SCENE, SvgFormat(stops=12)),
     "additive": partial(write_svg, ADDITIVE, None),
     "outline": partial(outline_svg, SCENE),
-    "pens": partial(outline_svg, SCENE, pens=2),
+    "plot": lambda document: plotted(SCENE, Plotter(), document).svg,
     "inks": partial(write_svg, IN_INKS, BY_INK),
     "masks": partial(write_svg, SCENE.concatenate(SCENE), MINIMAL),
     "arcs": partial(write_svg, CRISP, MINIMAL),
@@ -44,6 +49,10 @@ WRITERS = {
     "areas": partial(write_svg, AREAS, None),
     "minimal areas": partial(write_svg, AREAS, MINIMAL),
     "outlined areas": partial(outline_svg, AREAS),
+    "an icon": partial(write_svg, ICON, SvgFormat(current_color=True)),
+    "a plate with marks": lambda document: with_marks(
+        plate_svg(IN_INKS, ink_name(IN_INKS.inks[0]), document), IN_INKS, document, "1 & 2"
+    ),
 }
 # What more a document of an editable file says.
 SAID = {
@@ -157,8 +166,6 @@ REFUSED = [
     ("unit must be a number in 0.001..1e", minimal_svg, SCENE, 0),
     ("given with layers inks", write_svg, IN_INKS, BY_INK, Document(animate=2.0)),
     ("one of #000000.*; got '#000'", plate_svg, IN_INKS, "#000"),
-    ("given with pens", partial(outline_svg, pens=2), SCENE, Document(fragments=True)),
-    *(("pens must be a whole", partial(outline_svg, pens=pens), SCENE) for pens in (0, 65, 1.5)),
     *(("stroke_width", outline_svg, SCENE, None, width) for width in (0, 1e9, "thin")),
     (r"size must be larger; .*3000x1 px 0\.1000 by 0\.0000mm", write_svg, Scene(3000, 1), None,
      Document(size="0.1mm")),

@@ -113,7 +113,7 @@ REFUSED = [
     *(((*MAKE, "--report", name), ALSO_PHOTO)
       for name in ("photo.png", "hard.png", "soft.png", "there/photo.png", "./no/../photo.png")),
     *(((*MAKE, option, "o.svg"), ALSO_OUTPUT)
-      for option in ("--report", "--preview", "--save-scene", "--outline")),
+      for option in ("--report", "--preview", "--save-scene", "--outline", "--plot")),
     (("photo.png", "-o", "hard.png", *TINY), ALSO_PHOTO),
     ((*CHECK, "--heatmap", "soft.png"), ALSO_PHOTO),
     (("-", "-o", "hard.png", *TINY), ALSO_PHOTO),

@@ -1,0 +1,454 @@
+"""A scene as the strokes of a pen plotter, in mm on paper.
+
+Lines are drawn along their centrelines and areas along their outlines, where no area above hides
+them. Tones are drawn by hatching: parallel lines in up to three directions, of which a place has
+more the darker it is. A drawing has tones only if they are asked for, a photo always.
+
+    scene -> picture on the sheet, in cells of a third of the pen's width
+        areas -> points along outlines that are seen    \
+                                                          strokes of each pen -> order -> layers
+        picture -> tone of each pen -> hatching, joined /
+
+A scene in inks has a pen for each ink, any other a black one. The pen of an ink is darker than the
+ink: where as much paper as possible is left between its strokes, both together have its colour.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import find_objects
+
+from gauss2svg.areas.find import RATE, UNIT
+from gauss2svg.areas.masks import dilated, distance_to, widened
+from gauss2svg.areas.outlines import lengths_of
+from gauss2svg.areas.thin import parts_between, strokes_of
+from gauss2svg.render import render
+from gauss2svg.render.areas import coverage_of
+from gauss2svg.scene import Area, Scene
+from gauss2svg.scene.inks import ink_colors, ink_name, printed_colors
+from gauss2svg.svg import Document, Plotter
+from gauss2svg.svg.element import Element, hex_color, number
+from gauss2svg.svg.encode import Drawing, layer, sides_of
+from gauss2svg.svg.write import text_of
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+_DECIMALS = 2  # decimals of lengths in mm
+_CELLS = 3  # cells of the picture across a stroke
+_MOST_CELLS = 1e7  # cells of a picture. A larger sheet has larger cells
+_TURNS_DEG = 0.0, 60.0, 120.0  # directions of hatching, from light to dark tones
+# Tones at which the lines of a direction are drawn, as shares of what they add: first every second
+# one, then all. With more steps there were more tones, but a face had fewer details.
+_STEPS = 0.25, 0.75
+_WIDEST = 0.022  # width of the widest line, as a share of the picture's longer side
+_WEIGHT = 0.003  # weight of squared distances from a centreline against the bytes of its curves
+# A line that leaves a wide part is at least this long, in widths of the widest line. Shorter ones
+# are corners of the part.
+_LONG = 3.0
+_SIDE = 800  # px of the longer side of the picture in which lines are found
+_FINE = 3  # cells along a side of its px
+_OPAQUE = 0.95  # opacity from which on an area hides what is below it
+_FAINT = 0.1  # tone below which an ink is not drawn on white paper
+_LUMA = 0.2126, 0.7152, 0.0722  # weights of the channels in the tone of a black pen
+# The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
+_DOWN_MM_S, _UP_MM_S, _LIFT_S = 50.0, 151.0, 0.25
+
+
+class Pen(NamedTuple):
+    """A pen: its name, the colour #rrggbb of its strokes, and the strokes (n, 2) in mm."""
+
+    name: str
+    color: str
+    strokes: list[Floats]
+
+
+class Plot(NamedTuple):
+    """The strokes of all pens on a sheet. As text: 1.7 m in 45 strokes, 0.6 m with the pen up, ..
+
+    sheet      width and height in mm
+    pen_width  width of strokes in mm
+    """
+
+    sheet: tuple[float, float]
+    pen_width: float
+    pens: list[Pen]
+    document: Document
+
+    @property
+    def drawn_mm(self) -> float:
+        """Length of all strokes."""
+        return sum(_length(stroke) for pen in self.pens for stroke in pen.strokes)
+
+    @property
+    def travel_mm(self) -> float:
+        """Length of the ways between strokes. Each pen begins at the corner of the sheet."""
+        return sum(
+            float(np.hypot(*(b[0] - a[-1])))
+            for pen in self.pens
+            for a, b in pairwise([np.zeros((1, 2)), *pen.strokes])
+        )
+
+    @property
+    def lifts(self) -> int:
+        """Number of strokes, after each of which the pen is lifted."""
+        return sum(len(pen.strokes) for pen in self.pens)
+
+    def __str__(self) -> str:
+        drawn, travel = self.drawn_mm, self.travel_mm
+        minutes = (drawn / _DOWN_MM_S + travel / _UP_MM_S + self.lifts * _LIFT_S) / 60
+        return (
+            f"{drawn / 1000:.1f} m in {self.lifts:,} strokes, {travel / 1000:.1f} m with the pen "
+            f"up, in at least {math.ceil(minutes)} min"
+        )
+
+    @property
+    def svg(self) -> str:
+        """Text of an SVG in mm, with a layer for each pen."""
+        layers = []
+        for at, (name, color, strokes) in enumerate(self.pens, start=1):
+            paths = [Element("path", d=_path_data(stroke)) for stroke in strokes]
+            label = f"{at} {name}: {len(paths)} strokes"
+            layers.append(layer(label, paths, id=f"pen-{at}", stroke=color))
+        root = {
+            "fill": "none", "stroke-width": number(self.pen_width, 3),
+            "stroke-linecap": "round", "stroke-linejoin": "round",
+        }  # fmt: skip
+        sheet = Scene(*self.sheet)
+        drawing = Drawing(sides_of(sheet), 0, [], layers, root=root, size=f"{self.sheet[0]:g}mm")
+        named = dataclasses.replace(self.document, alt=self.document.alt or str(self))
+        return text_of(drawing, sheet, named)
+
+
+def plotted(
+    scene: Scene,
+    plotter: Plotter,
+    document: Document,
+    inks: str | None = None,
+    paper: str | None = None,
+    overprint: int | None = None,
+) -> Plot:
+    """Return a scene as strokes, as large as the sheet and its margins allow.
+
+    document   title and description of the file
+    inks       colours such as "#c0322c,#000000", each of which has a pen. None for one black pen
+    paper      as in printed_colors, as is `overprint`. What has its colour is not drawn
+    A named sheet is turned as the picture is.
+    """
+    width, height = plotter.sides(scene.width > scene.height)
+    room = plotter.room(width, height)
+    mm_per_px = min(room[0] / scene.width, room[1] / scene.height)
+    sides = np.array([scene.width, scene.height]) * mm_per_px
+    cell = max(plotter.pen_width / _CELLS, float(np.sqrt(sides.prod() / _MOST_CELLS)))
+    columns, rows = np.maximum(np.round(sides / cell), 1).astype(int).tolist()
+    pen_cells, scale = plotter.pen_width / cell, mm_per_px / cell
+    picture = np.clip(render(scene, columns, rows), 0, 1)
+    colors, tones = _colors_and_tones(inks, paper, overprint)
+    strokes: list[list[Floats]] = [[] for _ in tones.T]
+    lines, thin = _centrelines(scene)
+    in_line = _enlarged(thin, rows, columns)
+    size = np.array([columns, rows])
+    found = [
+        (color, np.clip(_simplified(_points_along(scale * line, size)), 0, size))
+        for color, line in lines
+    ]
+    areas = [area.scaled(scale, scale) for area in scene.areas]
+    found += _outlines(areas, in_line, pen_cells, 0.5 * scale)
+    for color, stroke in found:
+        tone_of_pens = tones[int(_nearest(colors, color))]
+        strokes[int(tone_of_pens.argmax()) if tone_of_pens.any() else -1].append(stroke)
+    if plotter.hatch is not None or len(scene) >= sum(area.nodes for area in scene.areas):
+        distance = plotter.hatch or 2 * plotter.pen_width
+        nearest = _nearest(colors, picture)
+        for one, tone_of_colors in zip(strokes, tones.T, strict=True):
+            tone = 1 - picture @ _LUMA if inks is None else tone_of_colors[nearest]
+            tone = np.where(in_line, 0, tone)
+            one += _hatching(tone, distance / cell, pen_cells, plotter.hatch_angle)
+    corner = 0.5 * (np.array([width, height]) - sides)
+    pens = [
+        Pen(ink_name(ink), _pen_color(ink), in_order)
+        for ink, one in zip(_pen_inks(inks), strokes, strict=True)
+        if (in_order := _in_order([corner + cell * stroke for stroke in one]))
+    ]
+    return Plot((width, height), plotter.pen_width, pens, document)
+
+
+def _pen_inks(inks: str | None) -> Floats:
+    """Return the inks (n, 3) of the pens, the lightest first."""
+    colors = np.zeros((1, 3)) if inks is None else ink_colors(inks)
+    return colors[np.argsort(-colors.sum(axis=1), kind="stable")]
+
+
+def _colors_and_tones(
+    inks: str | None, paper: str | None, overprint: int | None
+) -> tuple[Floats, Floats]:
+    """Return the colours (m, 3) of a picture, and the tone (m, n) of each pen in each of them.
+
+    A tone is the share of the paper that strokes cover, where it has this colour. An ink has the
+    largest tone at which a pen can give its colour, that of a pen without white in it.
+    """
+    pens = _pen_inks(inks)
+    if inks is None:
+        return pens, np.ones((1, 1))
+    tone = 1 - pens.min(axis=1)
+    printed = printed_colors(",".join(map(ink_name, pens)), paper, overprint)
+    strengths = np.array([*printed.values()])
+    return ink_colors(",".join(printed)), strengths * np.where(tone < _FAINT, 0.0, tone)
+
+
+def _pen_color(ink: Floats) -> str:
+    """Return the colour #rrggbb that gives an ink where white is beside it."""
+    color = 1 - (1 - ink) / max(1 - ink.min(), 1 / 255)
+    return hex_color(np.round(255 * color).astype(int), short=False)
+
+
+def _nearest(colors: Floats, picture: NDArray[np.floating]) -> NDArray[np.intp]:
+    """Return the index (..) of the nearest colour to each colour (.., 3) of a picture."""
+    nearest = np.zeros(picture.shape[:-1], np.intp)
+    least = np.full(nearest.shape, np.inf)
+    for k, color in enumerate(colors):  # all at once, they would need too much memory
+        square = ((picture - color) ** 2).sum(axis=-1)
+        nearest, least = np.where(square < least, k, nearest), np.minimum(square, least)
+    return nearest
+
+
+def _outlines(
+    areas: Sequence[Area], in_line: Bools, pen: float, margin: float
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield the colour and the points (n, 2) of each part of outlines that is seen, in cells.
+
+    in_line  (rows, columns) whether a cell is in a line, which is drawn along its middle. Outlines
+             only cross lines
+    pen      width of a stroke in cells. What lies nearer than half of it to a stroke above is drawn
+             already
+    margin   outlines are left out at this distance from the edge, where the picture ends and not
+             the area
+    """
+    size, covered = np.array(in_line.shape[::-1]), np.zeros_like(in_line)
+    for area in reversed(areas):
+        for outline in area.outlines:
+            points = _points_along(outline.segments, size)
+            inside = ((points >= margin) & (points <= size - margin)).all(axis=1)
+            column, row = np.clip(points, 0, size - 1).astype(int).T
+            lined = in_line[row, column]
+            hidden = _long_runs(lined, points, 2 * _WIDEST * size.max())
+            hidden |= covered[row, column] & ~lined
+            for stroke in _runs(points, inside & ~hidden, outline.closed):
+                if _length(stroke) > 2 * pen or len(stroke) >= len(points) - 1:  # others are dots
+                    yield _color(area), _simplified(stroke)
+        _cover(covered, dataclasses.replace(area, width=pen, cap="round"), True)
+        if area.opacity > _OPAQUE:
+            _cover(covered, area, True)
+
+
+def _enlarged(mask: Bools, rows: int, columns: int) -> Bools:
+    """Return a mask (h, w) with another number of rows and columns."""
+    row, column = np.arange(rows) * mask.shape[0] // rows, np.arange(columns)
+    return mask[row[:, None], column * mask.shape[1] // columns]
+
+
+def _color(area: Area) -> Floats:
+    return np.array(area.paint if isinstance(area.paint, tuple) else area.paint.colors[0])
+
+
+def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
+    """Return the lines of a scene, and where they are in a picture of it, (h, w).
+
+    A line is a colour and segments (k, 4, 2) in px of the scene. Lines are the narrow parts of what
+    is seen of a colour, whether areas or lines of the scene draw it.
+    """
+    size = np.array([scene.width, scene.height])
+    scale, most = _SIDE / size.max(), _WIDEST * _SIDE
+    width, height = np.maximum(np.round(size * scale), 1).astype(int).tolist()
+    seen = np.full((_FINE * height, _FINE * width), -1, np.int32)  # colours
+    index: dict[tuple[float, ...], int] = {}
+    for area in scene.areas:
+        color = index.setdefault(tuple(_color(area).tolist()), len(index))
+        if area.opacity > 0.5:
+            _cover(seen, area.scaled(_FINE * scale, _FINE * scale), color)
+    lines, thin = list[tuple[Floats, Floats]](), np.zeros((height, width), bool)
+    for (color, k), fine in zip(index.items(), find_objects(seen + 1, len(index)), strict=True):
+        if fine is None:
+            continue
+        down, across = (slice(side.start // _FINE, -(-side.stop // _FINE)) for side in fine)
+        top, left = widened((down, across), 4, thin.shape)
+        corner = np.array([left.start, top.start])
+        share = _shares(seen, k, top, left)
+        for part in parts_between(share, _wide(share > 0.5, 0.7 * most)):
+            strokes = strokes_of(part, lambda p: np.full(len(p), _WEIGHT), UNIT, RATE, most)
+            length = sum(lengths_of(path.segments).sum() for path, _ in strokes)
+            if length > (_LONG * most if part.thick.any() else 0):
+                lines += [(np.array(color), (p.segments + corner) / scale) for p, _ in strokes]
+                thin[top, left][part.box] |= dilated(part.share > 0.5, 2)
+    return lines, thin
+
+
+def _shares(seen: NDArray[np.int32], color: int, rows: slice, columns: slice) -> Floats:
+    """Return the share of each px of a box that has a colour of this index."""
+    fine = seen[
+        _FINE * rows.start : _FINE * rows.stop, _FINE * columns.start : _FINE * columns.stop
+    ]
+    shape = rows.stop - rows.start, _FINE, columns.stop - columns.start, _FINE
+    return (fine == color).reshape(shape).mean(axis=(1, 3))
+
+
+def _wide(mask: Bools, radius: float) -> Bools:
+    """Return where a mask is wide enough for a disc of a radius, and the cells beside that."""
+    depth = distance_to(~np.pad(mask, 1, mode="edge"))[0]
+    if depth.max() <= radius:
+        return np.zeros_like(mask)
+    return (distance_to(depth > radius)[0] <= radius + 1)[1:-1, 1:-1]
+
+
+def _long_runs(flags: Bools, points: Floats, longest: float) -> Bools:
+    """Return flags without their runs of at most `longest` cells, unless a run is all of them."""
+    long = np.zeros_like(flags)
+    for a, b in _ends_of_runs(flags):
+        long[a:b] = _length(points[a:b]) > longest or b - a == len(flags)
+    return long
+
+
+def _cover(covered: NDArray[Any], area: Area, value: int) -> None:
+    """Give the cells that an area covers a value."""
+    points = np.concatenate([outline.points for outline in area.outlines])
+    size, reach = covered.shape[::-1], 2 * area.width
+    left, top = np.floor(np.clip(points.min(axis=0) - reach, 0, size)).astype(int).tolist()
+    right, bottom = np.ceil(np.clip(points.max(axis=0) + reach, 0, size)).astype(int).tolist()
+    share = coverage_of(area, left, top, right - left, bottom - top)
+    covered[top:bottom, left:right][share > 0.5] = value
+
+
+def _points_along(segments: Floats, size: Floats) -> Floats:
+    """Return points (n, 2) along segments (k, 4, 2), at most a cell apart within the picture.
+
+    size  its columns and rows
+    """
+    while True:
+        low, high = segments.min(axis=1), segments.max(axis=1)
+        near = ((low <= size) & (high >= 0)).all(axis=1)
+        split = near & (np.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1) > 1)
+        if not split.any():
+            return np.concatenate([segments[:, 0], segments[-1:, 3]])
+        a, b, c, d = segments[split].transpose(1, 0, 2)
+        ab, bc, cd = (a + b) / 2, (b + c) / 2, (c + d) / 2
+        abc, bcd = (ab + bc) / 2, (bc + cd) / 2
+        middle = (abc + bcd) / 2
+        first = np.cumsum(1 + split) - 1 - split  # index of the first half, or of the segment
+        segments = np.repeat(segments, 1 + split, axis=0)
+        segments[first[split]] = np.stack([a, ab, abc, middle], axis=1)
+        segments[first[split] + 1] = np.stack([middle, bcd, cd, d], axis=1)
+
+
+def _ends_of_runs(flags: Bools) -> list[list[int]]:
+    """Return the index of the first flag of each run that is set, and that after its last one."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return ends.reshape(-1, 2).tolist()
+
+
+def _runs(points: Floats, shown: Bools, closed: bool) -> list[Floats]:
+    """Return the runs of at least two points that are shown."""
+    if closed and not shown.all():
+        start = int(
+            np.argmin(shown)
+        )  # a run may lie on both sides of the start of a closed outline
+        points, shown = np.roll(points[:-1], -start, axis=0), np.roll(shown[:-1], -start)
+    return [points[a:b] for a, b in _ends_of_runs(shown) if b - a > 1]
+
+
+def _simplified(points: Floats, most: float = 0.1) -> Floats:
+    """Return the points of a polyline that are needed to keep within `most` cells of all."""
+    kept = np.zeros(len(points), bool)
+    kept[[0, -1]] = True
+    spans = [(0, len(points) - 1)]
+    while spans:
+        a, b = spans.pop()
+        along, offset = points[b] - points[a], points[a : b + 1] - points[a]
+        length = np.hypot(*along)
+        distance = (
+            np.abs(offset @ [-along[1], along[0]]) / length if length else np.hypot(*offset.T)
+        )
+        k = int(distance.argmax())
+        if distance[k] > most:
+            kept[a + k] = True
+            spans += [(a, a + k), (a + k, b)]
+    return points[kept]
+
+
+def _hatching(tone: Floats, distance: float, pen: float, angle_deg: float) -> list[Floats]:
+    """Return strokes whose density around each cell is about proportional to its tone.
+
+    Where the tone is 1, there are all lines of all directions. The lines of a direction are drawn
+    where the tone exceeds what those before it cover. Ends of neighbouring lines are joined where
+    it is dark between them, so that the pen stays down.
+    """
+    share, strokes = min(pen / distance, 1.0), list[Floats]()
+    covered = 1 - (1 - share) ** np.arange(len(_TURNS_DEG) + 1)
+    rows, columns = tone.shape
+    for turn, before in zip(_TURNS_DEG, covered[:-1], strict=True):
+        angle = np.radians(angle_deg + turn)
+        along = np.array([np.cos(angle), np.sin(angle)])
+        across = np.array([-along[1], along[0]])
+        levels = (before + (1 - before) * share * np.array(_STEPS)) / covered[-1]
+        corners = np.array([[0, 0], [columns, 0], [0, rows], [columns, rows]])
+        first, last = corners @ along, corners @ across
+        t = np.arange(first.min(), first.max())[:, None]
+        lines = list[Floats]()
+        for k in range(int(np.ceil(last.min() / distance)), int(last.max() / distance) + 1):
+            points = t * along + k * distance * across
+            points = points[((points >= 0) & (points < [columns, rows])).all(axis=1)]
+            column, row = points.astype(int).T
+            runs = _runs(points, tone[row, column] > levels[k % 2], closed=False)
+            lines += [run[[0, -1]] for run in runs if len(run) > 2 * pen]
+        strokes += _joined(_in_order(lines), tone > levels[0], 2.5 * distance)
+    return strokes
+
+
+def _joined(strokes: Sequence[Floats], dark: Bools, most: float) -> list[Floats]:
+    """Join strokes to the next ones that begin at most `most` cells away, across dark cells."""
+    joined = list[Floats]()
+    for stroke in strokes:
+        if joined and np.hypot(*(stroke[0] - joined[-1][-1])) <= most:
+            way = np.linspace(joined[-1][-1], stroke[0], 12).astype(int)
+            if dark[way[:, 1], way[:, 0]].all():
+                joined[-1] = np.concatenate([joined[-1], stroke])
+                continue
+        joined.append(stroke)
+    return joined
+
+
+def _in_order(strokes: Sequence[Floats]) -> list[Floats]:
+    """Return strokes so that each begins at the nearest end of those that are left, from (0, 0) on.
+
+    Strokes are reversed where this is nearer.
+    """
+    from scipy.spatial import KDTree  # imported here because it is slow to import
+
+    left, in_order = np.ones(len(strokes), bool), list[Floats]()
+    at, tree, index = np.zeros(2), None, np.zeros(0, int)
+    while len(in_order) < len(strokes):
+        if tree is None or 2 * left[index].sum() < len(index):
+            index = np.flatnonzero(left)
+            tree = KDTree(np.concatenate([strokes[k][[0, -1]] for k in index.tolist()]))
+        count, found = 4, np.zeros(0, int)
+        while not len(found):
+            ends: Any = tree.query(at, min(count, 2 * len(index)))[1]
+            found, count = ends[left[index[ends // 2]]], 4 * count
+        k = int(index[found[0] // 2])
+        in_order.append(strokes[k][:: -1 if found[0] % 2 else 1])
+        left[k], at = False, in_order[-1][-1]
+    return in_order
+
+
+def _length(stroke: Floats) -> float:
+    return float(np.hypot(*np.diff(stroke, axis=0).T).sum())
+
+
+def _path_data(stroke: Floats) -> str:
+    numbers = [" ".join(number(v, _DECIMALS) for v in point) for point in stroke]
+    return "M" + " ".join(numbers)

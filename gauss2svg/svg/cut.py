@@ -1,0 +1,224 @@
+"""Cut files: for each ink one region, closed and clear of all others, as a cutter follows it.
+
+The shapes of a scene lie over each other. A cutter would follow edges that nobody sees, and vinyl
+would lie in two layers. So the region of an ink is what is seen of it:
+
+    shapes as polygons, the bottom one first -> union with those of the ink, difference of others
+
+Regions are polygons of lines, and are written as areas (gauss2svg.svg.areas). shapely computes
+them, which belongs to the extra `cut`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError, quoted, refusal
+from gauss2svg.options import Field
+from gauss2svg.scene import Scene
+from gauss2svg.scene.areas import Area, Outline
+from gauss2svg.scene.falloff import covered_radius
+from gauss2svg.scene.inks import ink_colors, ink_name, inks_of_scene, oklab
+from gauss2svg.svg import MOST_TRAP
+
+if TYPE_CHECKING:  # not at run time, because only cut files need shapely
+    from shapely.geometry.base import BaseGeometry
+
+Floats = NDArray[np.float64]
+# Lines are at most so far from curves, in mm on paper, and in px. Cutters step by 0.025 mm. An
+# ellipse of 3 px, which is a dot in a photo, then has 20 lines.
+TOLERANCE_MM, TOLERANCE_PX = 0.01, 0.05
+CUT_UNIT = 0.01  # px, to which coordinates of cut files are rounded
+# Parts and holes of a region are left out if they are smaller than this, in px. They are what
+# rounding leaves between edges that meet.
+_LEAST_PART = 1e-3
+_MITRE_LIMIT = 4.0  # the default of SVG, which files do not change
+
+
+class CutMissingError(InputError, ImportError):
+    """A cut file needs a package that is not installed."""
+
+
+def require_shapely() -> Any:
+    """Return the package shapely. Raise CutMissingError if it is not installed."""
+    try:
+        import shapely
+    except ImportError:
+        needed = "given with shapely installed; got none"
+        raise CutMissingError(f'cut must be {needed}. Try pip install "gauss2svg[cut]"') from None
+    return shapely
+
+
+class Regions:
+    """The shapes of a scene in inks as polygons, from which regions of colours are computed."""
+
+    def __init__(self, scene: Scene, mm_per_px: float) -> None:
+        """Make polygons of all shapes.
+
+        mm_per_px  size of a px of the canvas on paper
+        """
+        self._shapely = shapely = require_shapely()
+        self._scene, self._px_per_mm = scene, 1 / mm_per_px
+        self.colors = [ink_name(ink) for ink in inks_of_scene(scene)]
+        self._page = shapely.box(0, 0, scene.width, scene.height)
+        tolerance = min(TOLERANCE_MM * self._px_per_mm, TOLERANCE_PX)
+        self._shapes: list[tuple[str, BaseGeometry]] = []
+        if not scene.transparent:
+            self._shapes.append((ink_name(scene.background), self._page))
+        names = (ink_name(np.array(area.paint)) for area in scene.areas)
+        polygons = (_polygon(shapely, area, tolerance) for area in scene.areas)
+        self._shapes += zip(names, polygons, strict=True)
+        ellipses = (shapely.Polygon(points) for points in _ellipses(scene, tolerance))
+        self._shapes += zip(map(ink_name, scene.color), ellipses, strict=True)
+
+    def of(self, colors: Collection[str]) -> BaseGeometry:
+        """Return the region of the page in which one of the colours "#rrggbb" is seen."""
+        region = self._shapely.Polygon()
+        for is_inside, run in groupby(self._shapes, key=lambda one: one[0] in colors):
+            together = self._shapely.union_all([polygon for _, polygon in run])
+            region = region.union(together) if is_inside else region.difference(together)
+        parts = self._shapely.get_parts(region.intersection(self._page))
+        return self._shapely.multipolygons([one for one in parts if one.geom_type == "Polygon"])
+
+    def plate(self, tones: Mapping[str, float], trap: float = 0.0) -> Scene:
+        """Return the plate of an ink: one area for each of its strengths, and no background.
+
+        tones  as in gauss2svg.svg.plates_and_pens.plate_of
+        trap   width in mm by which colours spread below darker ones beside them
+        """
+        seen = {color: tones.get(color, 0.0) for color in self.colors}
+        if not any(seen.values()):
+            printing = ", ".join(color for color, tone in tones.items() if tone)
+            raise refusal("ink", f"one of {', '.join(self.colors)}", quoted(printing))
+        areas = []
+        for tone in sorted(set(seen.values()) - {0.0}):
+            region = self._trapped([c for c, other in seen.items() if other == tone], trap)
+            areas += self._area(region, (1.0 - tone,) * 3)
+        return self._of_areas(areas)
+
+    def outlines(self, colors: Iterable[str], trap: float = 0.0) -> Scene:
+        """Return a scene with one area for each of the colours that is seen, lightest first."""
+        by_light = sorted(set(colors) & set(self.colors), key=_lightness, reverse=True)
+        areas = []
+        for color in by_light:
+            areas += self._area(self._trapped([color], trap), tuple(ink_colors(color)[0]))
+        return self._of_areas(areas)
+
+    def _trapped(self, colors: list[str], trap: float) -> BaseGeometry:
+        """Return the region of colours, with what spreads below darker colours beside it."""
+        region = self.of(colors)
+        if not (reach := Field("trap", float, 0, MOST_TRAP).checked(trap) * self._px_per_mm):
+            return region
+        for color in colors:
+            if darker := {c for c in self.colors if _lightness(c) < _lightness(color)}:
+                alone = region if colors == [color] else self.of([color])
+                region = region.union(alone.buffer(reach).intersection(self.of(darker)))
+        return region
+
+    def _area(self, region: BaseGeometry, color: Any) -> list[Area]:
+        """Return a region as an area, or no area if it is empty."""
+        outlines = []
+        for part in self._shapely.get_parts(region):
+            if part.area > _LEAST_PART:
+                # shapely has holes run the other way, so they are holes by either fill rule.
+                rings = [part.exterior, *part.interiors]
+                outlines += [ring.coords for ring in rings if _size(ring.coords) > _LEAST_PART]
+        paths = [Outline(tuple(ring[:-1]), (False,) * (len(ring) - 1)) for ring in outlines]
+        return [Area(tuple(paths), color)] if paths else []
+
+    def _of_areas(self, areas: list[Area]) -> Scene:
+        return Scene(self._scene.width, self._scene.height, transparent=True, areas=tuple(areas))
+
+
+def _lightness(color: str) -> float:
+    return float(oklab(ink_colors(color))[0, 0])
+
+
+def _size(ring: Any) -> float:
+    """Return the area within a closed ring of points."""
+    x, y = np.asarray(ring).T
+    return 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))
+
+
+def _ellipses(scene: Scene, tolerance: float) -> Iterable[Floats]:
+    """Yield the points (k, 2) of each plain ellipse as a polygon of the same area."""
+    factor = scene.factor * covered_radius(scene.beta)[:, None, None]
+    reach = np.hypot(factor[:, :, 0], factor[:, :, 1]).max(axis=1)
+    for center, matrix, radius in zip(scene.mean, factor, reach.tolist(), strict=True):
+        count = _lines(radius, 2 * math.pi, tolerance)
+        step = 2 * math.pi / count
+        angle = step * np.arange(count)
+        circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) * math.sqrt(step / math.sin(step))
+        yield center + circle @ matrix.T
+
+
+def _lines(radius: float, angle: float, tolerance: float) -> int:
+    """Return the number of lines of an arc. Each spans at most an eighth of a turn."""
+    step = 2 * math.acos(max(1 - tolerance / max(radius, tolerance), 0.5))
+    return math.ceil(angle / min(step, math.pi / 4) - 1e-9)
+
+
+def _polygon(shapely: Any, area: Area, tolerance: float) -> BaseGeometry:
+    """Return the region that an area fills, or the one that its strokes cover."""
+    points = [_flat(outline, tolerance) for outline in area.outlines]
+    if not area.is_line:
+        return _filled(shapely, points)
+    half = 0.5 * area.width
+    style = {
+        "cap_style": {"butt": "flat"}.get(area.cap, area.cap),
+        "join_style": "round" if area.cap == "round" else "mitre",
+        "mitre_limit": _MITRE_LIMIT,
+        "quad_segs": _lines(half, 0.5 * math.pi, tolerance),
+    }
+    strokes = []
+    for line, outline in zip(points, area.outlines, strict=True):
+        path = shapely.LinearRing if outline.closed and len(line) > 3 else shapely.LineString
+        strokes.append(path(line).buffer(half, **style))
+    return shapely.union_all(strokes)
+
+
+def _flat(outline: Outline, tolerance: float) -> Floats:
+    """Return the points (n, 2) of an outline as lines. Those of a closed one end at the start."""
+    pieces = [outline.segments[:1, 0]]
+    for (a, b, c, d), is_curve in zip(outline.segments, outline.curved, strict=True):
+        if not is_curve:
+            pieces.append(d[None])
+            continue
+        # The second derivative of a cubic curve is at most 6 times this. Lines of a share of 1 / n
+        # are then off by at most an eighth of it, divided by n squared.
+        bend = max(np.linalg.norm(a - 2 * b + c), np.linalg.norm(b - 2 * c + d))
+        count = max(1, math.ceil(math.sqrt(0.75 * float(bend) / tolerance)))
+        t = np.arange(1, count + 1)[:, None] / count
+        s = 1 - t
+        pieces.append(s**3 * a + 3 * s**2 * t * b + 3 * s * t**2 * c + t**3 * d)
+    return np.concatenate(pieces)
+
+
+def _filled(shapely: Any, rings: list[Floats]) -> BaseGeometry:
+    """Return the region around which rings run more often one way than the other ("nonzero")."""
+    rings = [ring for ring in rings if len(ring) > 3]
+    if len(rings) == 1 and (polygon := shapely.Polygon(rings[0])).is_valid:
+        return polygon
+    edges = shapely.union_all([shapely.LineString(ring) for ring in rings])
+    faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(edges)))
+    inside = [face for face in faces if _winding(face.representative_point(), rings)]
+    return shapely.union_all(inside)
+
+
+def _winding(point: Any, rings: list[Floats]) -> int:
+    """Return how often rings run around a point, one way minus the other."""
+    total = 0
+    for ring in rings:
+        x, y = ring.T
+        (x0, x1), (y0, y1) = (x[:-1], x[1:]), (y[:-1], y[1:])
+        crosses = (y0 > point.y) != (y1 > point.y)
+        share = (point.y - y0[crosses]) / (y1 - y0)[crosses]
+        right = x0[crosses] + share * (x1 - x0)[crosses] > point.x
+        total += int(np.sign(y1 - y0)[crosses][right].sum())
+    return total
