@@ -10,6 +10,7 @@ examples/showcase.jpg and examples/gallery.jpg.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -365,6 +366,18 @@ def model() -> Figure:
     return figure
 
 
+def areas() -> Figure:
+    """Return the outlines of areas and lines with their nodes, and the same painted."""
+    cat = vectorized(rasterize((PICTURES / "cat.svg").read_text(), 256, 256))
+    outlines = re.sub(r'stroke="#\w+"', 'stroke="#000"', cat.outline())
+    titles = [said(cat, "{area_count} areas, {line_count} lines, {node_count} nodes")]
+    titles.append(said(cat, "painted: {kB:.1f} kB, {psnr_svg:.1f} dB"))
+    figure = tiles([rasterize(outlines, 768, 768), rasterize(cat.svg, 768, 768)], titles)
+    nodes = [outline.nodes for area in cat.scene.areas for outline in area.outlines]
+    figure.axes[0].plot(*3 * np.concatenate(nodes).T, "o", color="tab:red", markersize=3)
+    return figure
+
+
 def gaussian_count() -> Figure:
     """Return pictures and the numbers of Gaussians that they get."""
     dark, light = np.array([0.10, 0.20, 0.50]), np.array([0.95, 0.75, 0.30])
@@ -507,8 +520,8 @@ FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
         sizes, decibels, logos, inks, riso, focus,
         refine, editors, presets, placeholders, webp, drawings,
         counts, progressive_fit, layers, forming, scenes, printed, traced, plotters,
-        transparent, interrupted, model, gaussian_count, writing_svg, additive_blending, extremes,
-        studio,
+        transparent, interrupted, model, areas, gaussian_count, writing_svg, additive_blending,
+        extremes, studio,
     )},
     "errors": errors_map,
 }  # fmt: skip
