@@ -112,6 +112,10 @@ class Trials:
                 break
             scene, export, error = tried, tried_export, tried_error
             cost = error + self._price * below
+        if len(scene) > len(scene_of_areas):
+            scene = without_idle(scene, self._error)
+            found = dataclasses.replace(found, areas=scene.areas)
+            export, error = self._exporter.unscored(scene), self._error(scene)
         if plan.aim is not None:
             is_met = plan.aim.is_met_by(
                 plan.aim.score(self._exporter.raster(export.svg), subject.photo)
@@ -216,6 +220,20 @@ def nothing(picture: NDArray[np.float32]) -> FoundAreas:
     """Return no areas, on the mean colour of a picture."""
     background = None if has_alpha(picture) else tuple(picture.mean(axis=(0, 1)).tolist())
     return FoundAreas((), background, 0.0, 0.0, 0.0, 0.0)
+
+
+def without_idle(scene: Scene, error_of: Callable[[Scene], float]) -> Scene:
+    """Return a scene without the areas without which its error is less.
+
+    Such areas were strips of shading, which Gaussians draw now.
+    """
+    error = error_of(scene)
+    for k in reversed(range(len(scene.areas))):
+        areas, level = scene.areas[:k] + scene.areas[k + 1 :], scene.level
+        rest = scene.replace(areas=areas, level=np.where(level > k, level - 1, level))
+        if (left := error_of(rest)) < error:
+            scene, error = rest, left
+    return scene
 
 
 def scene_of(subject: Subject, found: FoundAreas) -> Scene:

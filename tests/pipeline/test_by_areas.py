@@ -20,7 +20,9 @@ from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over
+from gauss2svg.pipeline.trials import without_idle
 from gauss2svg.raster import rasterize, rasterize_rgba
+from gauss2svg.render import render
 from gauss2svg.scene.areas import AreaCounts, Outline
 from gauss2svg.scene.inks import ink_name
 from gauss2svg.svg.file import file_bytes
@@ -289,6 +291,15 @@ def test_areas_and_gaussians_are_closer_than_either_alone_at_any_size(glows):
 
 def test_gaussians_do_not_spill_over_the_page(glows):
     assert 255 * np.abs(glows.raster - GLOWS)[:12, -20:].max() < 3
+
+
+def test_areas_that_only_add_errors_go(glows):
+    scene, picture = glows.scene, render(glows.scene)
+    strip = dataclasses.replace(scene.areas[0], paint=(0.0, 0.0, 0.0)).scaled(0.2, 0.2)
+    for k in (0, 1, len(scene.areas)):
+        areas = (*scene.areas[:k], strip, *scene.areas[k:])
+        worse = scene.replace(areas=areas, level=scene.level + (scene.level >= k))
+        assert without_idle(worse, lambda one: -model_psnr(one, picture)).areas == scene.areas
 
 
 def test_a_ball_is_as_close_in_its_limit_as_its_areas_are_at_any_size():
