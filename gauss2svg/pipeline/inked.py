@@ -10,13 +10,13 @@ the picture that is drawn so has crisp edges between inks. Areas are then found 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.areas.pixels import Sprite
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene
@@ -103,7 +103,7 @@ def _banded(paint: LinearGradient | RadialGradient, inks: str) -> LinearGradient
     across = (
         np.subtract(paint.end, paint.start) if isinstance(paint, LinearGradient) else paint.radii
     )
-    half = 0.5 / max(math.hypot(*across), 1.0)
+    half = 0.5 / max(portable.hypot(*across), 1.0)
     place = np.linspace(0, 1, PLACES)
     ink = nearest_inks(paint.colors_at(place), inks)
     changes = np.flatnonzero((np.diff(ink, axis=0) != 0).any(axis=1))

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field
 from gauss2svg.scene import Area, Scene
@@ -174,10 +175,10 @@ def _on_page(
     last = np.array([scene.width, scene.height]) - margin
     crossings: list[float] = []
     for (along, across), at, end in zip(matrix, center, last, strict=True):
-        reach, middle = math.hypot(along, across), math.atan2(across, along)
+        reach, middle = portable.hypot(along, across), portable.arctan2(across, along)
         for edge in (margin, end):
             if abs(edge - at) < reach:
-                half = math.acos((edge - at) / reach)
+                half = portable.arccos((edge - at) / reach)
                 crossings += [(middle - half) % (2 * math.pi), (middle + half) % (2 * math.pi)]
     ends = np.sort(crossings) if crossings else np.zeros(1)
     ends = np.append(ends, ends[0] + 2 * math.pi)
@@ -197,7 +198,7 @@ def _on_page(
 
 
 def _points(t: Floats, matrix: Floats, center: Floats) -> Floats:
-    return center + np.stack([np.cos(t), np.sin(t)], axis=1) @ matrix.T
+    return center + portable.product(np.stack([portable.cos(t), portable.sin(t)], axis=1), matrix.T)
 
 
 def grouped_by_ink(scene: Scene) -> Scene:
