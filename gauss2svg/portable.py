@@ -31,10 +31,9 @@ def _dtype(*values: Any) -> Any:
 
 
 def _each(name: str, *values: Any) -> Any:
-    arrays = [np.asarray(value, np.float64) for value in values]
-    if len(arrays) > 1 and arrays[0].shape != arrays[1].shape:
-        arrays = np.broadcast_arrays(*arrays)
-    arrays = [np.asarray(array, order="C") for array in arrays]
+    arrays = [np.asarray(value, np.float64, order="C") for value in values]
+    if arrays[0].shape != arrays[-1].shape:
+        arrays = [np.array(array, order="C") for array in np.broadcast_arrays(*arrays)]
     result = np.empty(arrays[0].shape)
     _EACH[name](result.size, arrays[0], arrays[-1], result)
     return result.astype(_dtype(*values), copy=False) if result.ndim else float(result)

@@ -289,7 +289,8 @@ def _oriented(
 
     An ellipse is described by its semi-axes (n,) and the direction (n,) of the major semi-axis.
     """
-    co, si = portable.cos(angle_rad, dtype=np.float64), portable.sin(angle_rad, dtype=np.float64)
+    angle_rad = angle_rad.astype(np.float64)
+    co, si = portable.cos(angle_rad), portable.sin(angle_rad)
     l11 = portable.hypot(co * major, si * minor)
     l21 = co * si * (np.square(major) - np.square(minor)) / l11
     return np.stack([l11, l21, major * minor / l11], axis=1).astype(np.float64)
