@@ -64,3 +64,21 @@ API int64_t solve(int64_t n, int64_t m, double *a, double *b) {
         }
     return true;
 }
+
+/* Solve products x = sums for one row of x (n, 3) after the other, in an order (n,) of rows. Each is
+clipped to 0..1, and rounded to multiples of 1 / levels if levels is not 0. */
+API int64_t sweep_colors(int64_t n, const double *products, const double (*sums)[3],
+    const double *diagonal, const int64_t *order, double levels, double (*x)[3]) {
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t k = order[i];
+        double left[3] = {sums[k][0], sums[k][1], sums[k][2]};
+        for (int64_t j = 0; j < n; j++)
+            for (int c = 0; c < 3; c++)
+                left[c] -= products[k * n + j] * x[j][c];
+        for (int c = 0; c < 3; c++) {
+            const double best = x[k][c] + left[c] / diagonal[k];
+            x[k][c] = clip(levels > 0.0 ? rint(best * levels) / levels : best, 0.0, 1.0);
+        }
+    }
+    return n;
+}

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
+from gauss2svg.core import Kernel
 from gauss2svg.fit import adam
 from gauss2svg.fit.adam import Blending
 from gauss2svg.fit.state import COLOR, State
@@ -295,6 +296,9 @@ ROUNDED_SWEEPS = 3  # number of further sweeps, which both clip and round the co
 DAMPING = 1e-6
 
 
+_sweep_colors = Kernel("sweep_colors", "int float64 float64 float64 int64 float float64")
+
+
 def solved_colors(
     products: NDArray[np.float64], sums: NDArray[np.float64], levels: int
 ) -> NDArray[np.float64]:
@@ -314,10 +318,7 @@ def solved_colors(
     bounded = 0 if (color >= 0).all() and (color <= 1).all() else BOUNDED_SWEEPS
     color = np.minimum(np.maximum(color, 0), 1)
     order = np.argsort(-diagonal, kind="stable")
+    arrays = np.ascontiguousarray(products), np.ascontiguousarray(sums), diagonal, order
     for sweep in range(bounded + ROUNDED_SWEEPS):
-        for k in order:
-            best = color[k] + (sums[k] - portable.product(products[k], color)) / diagonal[k]
-            if sweep >= bounded:
-                best = np.rint(best * levels) / levels
-            color[k] = np.minimum(np.maximum(best, 0), 1)
+        _sweep_colors(len(sums), *arrays, 0.0 if sweep < bounded else float(levels), color)
     return color

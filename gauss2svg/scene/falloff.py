@@ -28,7 +28,6 @@ any pixel. It is 0 outside the ellipse whose semi-axes are half a px longer, bec
 of a needle the formula gives too much.
 """
 
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -176,10 +176,11 @@ def _arc(start: Point, form: list[float], end: Point) -> list[Point]:
     turned = half / turn
     # On the unit circle, whose origin is the middle of the chord here, the chord begins at `chord`.
     chord = complex(turned.real / rx, turned.imag / ry)
-    growth = max(_length(chord), 1.0)  # radii that are too small grow
+    length = float(portable.hypot(chord.real, chord.imag))
+    growth = max(length, 1.0)  # radii that are too small grow
     rx, ry, chord = rx * growth, ry * growth, chord / growth
     side = 1j if is_large == is_sweep else -1j
-    center = side * chord * math.sqrt(max(1 / _length(chord) ** 2 - 1, 0.0))
+    center = side * chord * math.sqrt(max(1 / length**2 - 1, 0.0))
     first, last = (
         portable.arctan2(place.imag, place.real) for place in (chord - center, -chord - center)
     )
@@ -199,10 +200,6 @@ def _arc(start: Point, form: list[float], end: Point) -> list[Point]:
 
 def _turn(angle_rad: float) -> complex:
     return complex(portable.cos(angle_rad), portable.sin(angle_rad))
-
-
-def _length(place: complex) -> float:
-    return float(portable.hypot(place.real, place.imag))
 
 
 def _commands(data: str) -> list[tuple[str, list[float]]]:
