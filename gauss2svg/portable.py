@@ -51,7 +51,7 @@ def log(value: Any) -> Any:
 def log2(value: Any) -> Any:
     """Return the logarithm to the base 2 of each value, which is exact for powers of two."""
     fraction, exponent = np.frexp(value)
-    return log(2 * fraction) / _LN2 + (exponent - 1)
+    return np.where(fraction == 0.5, exponent - 1.0, log(value) / _LN2)[()]
 
 
 def log10(value: Any) -> Any:

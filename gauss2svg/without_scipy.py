@@ -1,4 +1,4 @@
-"""Replace functions of SciPy by functions that return exactly the same results.
+"""Replace functions of SciPy by functions that return the same results.
 
 These functions seldom need to import SciPy, and the import takes a third of a second
 (docs/decisions/start.md).
@@ -25,8 +25,8 @@ def smoothed(
     """Return a plane (h, w), or planes (h, w, c), smoothed by a Gaussian window.
 
     The standard deviation of the window is sigma px, and its radius is `truncate` times sigma. The
-    result is exactly that of scipy.ndimage.gaussian_filter. Columns are smoothed first, and
-    then rows. Sums are computed in float64, and in the same order in which SciPy computes them.
+    result is that of scipy.ndimage.gaussian_filter, but for the rounding of the weights. Columns
+    are smoothed first, and then rows. Sums are computed in float64, in a fixed order.
     Beyond its border, the plane continues as its mirror image, so the outermost pixel comes twice.
     The result has the dtype of the plane.
     """

@@ -168,7 +168,8 @@ def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] 
     None if the primaries are degenerate.
     """
     x, y = np.array(chromaticity, float).reshape(4, 2).T
-    if not (y > 0).all() or abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:
+    area = (x[2] - x[1]) * (y[3] - y[1]) - (x[3] - x[1]) * (y[2] - y[1])
+    if not (y > 0).all() or abs(area) < 1e-4:
         return None
     matrix = portable.solve(_to_xyz(_SRGB), _to_xyz(chromaticity))
     white = matrix.sum(axis=1, keepdims=True)
