@@ -180,9 +180,7 @@ def compare(commit: str, cases: list[str], work: Path) -> bool:
         print(f"{case:15}{old_s:6.1f} -> {new_s:4.1f} CPU s  {words}", flush=True)
     mean = statistics.fmean(differences)
     largest = max(abs(change) for change in differences)
-    print(
-        f"{len(cases)} cases, {different} different, by at most {largest:.3f} dB, mean {mean:+.4f} dB"
-    )
+    print(f"{len(cases)} cases, {different} different: at most {largest:.3f}, mean {mean:+.4f} dB")
     return not different
 
 
