@@ -39,12 +39,11 @@ def off(areas, others):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("change", [(90, "4:2:0"), (75, "4:2:0"), (75, "4:4:4")], ids=str)
+@pytest.mark.parametrize("change", [(90, "4:2:0"), (75, "4:2:0"), (85, "4:4:4")], ids=str)
 def test_a_jpeg_has_the_areas_of_the_clean_drawing(name, change):
     areas, picture = DRAWINGS[name], as_jpeg(drawn(DRAWINGS[name]), *change)
     found = vectorize(picture, max_bytes=10000).scene
-    # Changes of 1e-7 in the pixels give 3 to 6 areas in place of the three discs.
-    assert len(areas) <= len(found.areas) <= 2 * len(areas)
+    assert len(areas) <= len(found.areas) <= 1 + len(areas)
     assert len(found) == 0
     # JPEG of quality 75 hides some px of an outline between colours of like luma. What it adds may
     # be one small area more.
