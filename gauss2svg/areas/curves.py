@@ -52,11 +52,8 @@ def sampled(segments: Floats, curved: Bools, count: Ints) -> Floats:
     owner = np.repeat(np.arange(len(count)), count)
     t = (np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)) / count[owner]
     u, is_curve = 1 - t, curved[owner]
-    basis = np.where(
-        is_curve,
-        [u * u * u, 3 * u * u * t, 3 * u * t * t, t * t * t],
-        [u, np.zeros_like(t), 0 * t, t],
-    )
+    cubic = [u * u * u, 3 * u * u * t, 3 * u * t * t, t * t * t]
+    basis = np.where(is_curve, cubic, [u, np.zeros_like(t), 0 * t, t])
     return (basis.T[..., None] * segments[owner]).sum(axis=1)
 
 
