@@ -21,13 +21,28 @@ EACH(each_arctan2, angle_of(a[i], b[i]))
 
 /* Write the product (n, m) of the matrices a (n, k) and b (k, m). Each element is added up from the
 first product to the last. */
-API int64_t multiply(int64_t n, int64_t k, int64_t m, const double *restrict a,
-    const double *restrict b, double *restrict out) {
+API int64_t multiply(
+    int64_t n, int64_t k, int64_t m, const double *a, const double *b, double *restrict out) {
     memset(out, 0, n * m * sizeof *out);
     for (int64_t i = 0; i < n; i++)
         for (int64_t l = 0; l < k; l++)
             for (int64_t j = 0; j < m; j++)
                 out[i * m + j] += a[i * k + l] * b[l * m + j];
+    return n;
+}
+
+/* Replace the symmetric matrix a (n, n) by its power 2^times, divided by a number that keeps it from
+growing. `buffer` has n n numbers. */
+API int64_t square_often(int64_t times, int64_t n, double *a, double *buffer) {
+    for (; times > 0; times--) {
+        double trace = 0.0;
+        for (int64_t i = 0; i < n; i++)
+            trace += a[i * n + i];
+        for (int64_t i = 0; i < n * n; i++)
+            a[i] /= trace;
+        multiply(n, n, n, a, a, buffer);
+        memcpy(a, buffer, n * n * sizeof *a);
+    }
     return n;
 }
 
