@@ -8,8 +8,7 @@ from gauss2svg.cli.terminal import exit_before_fits
 def run() -> None:
     """Run the command line as a program."""
     exit_before_fits()
-    # OpenBLAS starts its threads when NumPy is imported. Our matrices have at most some hundred
-    # rows, for which more threads only take CPU time.
+    # OpenBLAS starts its threads when NumPy is imported, but no file is made by it.
     if "OMP_NUM_THREADS" not in os.environ:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from gauss2svg.cli.main import run as run_command

@@ -1,4 +1,4 @@
-"""Replace functions of SciPy by functions that return exactly the same results.
+"""Replace functions of SciPy by functions that return the same results.
 
 These functions seldom need to import SciPy, and the import takes a third of a second
 (docs/decisions/start.md).
@@ -12,6 +12,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
+
 # Number of values that are smoothed at a time. It is small enough that the values stay in the
 # processor's cache (docs/decisions/start.md).
 _BAND_VALUES = 32768
@@ -20,18 +22,18 @@ _BAND_VALUES = 32768
 def smoothed(
     plane: NDArray[np.floating], sigma: float, truncate: float = 4.0
 ) -> NDArray[np.floating]:
-    """Return a plane (h, w) smoothed by a Gaussian window.
+    """Return a plane (h, w), or planes (h, w, c), smoothed by a Gaussian window.
 
     The standard deviation of the window is sigma px, and its radius is `truncate` times sigma. The
-    result is exactly that of scipy.ndimage.gaussian_filter. Columns are smoothed first, and
-    then rows. Sums are computed in float64, and in the same order in which SciPy computes them.
+    result is that of scipy.ndimage.gaussian_filter, but for the rounding of the weights. Columns
+    are smoothed first, and then rows. Sums are computed in float64, in a fixed order.
     Beyond its border, the plane continues as its mirror image, so the outermost pixel comes twice.
     The result has the dtype of the plane.
     """
     weights = _weights(float(sigma), int(truncate * float(sigma) + 0.5))
     plane = np.asarray(plane)
     down = np.empty_like(plane, order="C")
-    height, width = plane.shape
+    height, width = plane.shape[:2]
     radius = len(weights) - 1
     rows, columns = mirrored(height, radius), mirrored(width, radius)
     step = max(1, _BAND_VALUES // max(width, 1))
@@ -74,7 +76,7 @@ def _weights(sigma: float, radius: int) -> tuple[float, ...]:
     The other half is the mirror image. The sum of the weights of the whole window is 1.
     """
     x = np.arange(-radius, radius + 1)
-    weights = np.exp(-0.5 / (sigma * sigma) * x**2)
+    weights = portable.exp(-0.5 / (sigma * sigma) * x**2)
     return tuple(float(weight) for weight in (weights / weights.sum())[radius:])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from gauss2svg import portable
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.masks import parts_of
 
@@ -77,7 +78,7 @@ def _normals(points: Floats, closed: bool) -> Floats:
         along = points[(index + 2) % len(points)] - points[index - 2]
     else:
         along = points[np.minimum(index + 2, len(points) - 1)] - points[np.maximum(index - 2, 0)]
-    along = along / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+    along = along / np.maximum(portable.hypot(*along.T), 1e-9)[:, None]
     return np.stack([-along[:, 1], along[:, 0]], axis=1)
 
 
@@ -106,7 +107,7 @@ def centred(points: Floats, share: Floats, closed: bool, reach: float) -> Floats
     for _ in range(2):
         normal, places, profile = _profile(points, share, closed)
         profile = np.where(np.abs(places) <= reach, profile, 0)
-        middle = (profile @ places) / np.maximum(profile.sum(axis=1), 1e-6)
+        middle = portable.product(profile, places) / np.maximum(profile.sum(axis=1), 1e-6)
         points = points + np.clip(middle, -MOST_MOVE, MOST_MOVE)[:, None] * normal
         for _ in range(SMOOTHINGS if len(points) > 4 else 0):
             before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)

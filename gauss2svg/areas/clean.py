@@ -20,6 +20,8 @@ from gauss2svg.areas.masks import BLOCK, LEVEL, pixels_of
 from gauss2svg.areas.paint import paint_of
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blocks, renamed
 from gauss2svg.core import Kernel
+from gauss2svg.portable import product, solve
+from gauss2svg.without_scipy import smoothed
 
 EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
 BESIDE = 2.5, 5.5  # px; distances from edges at which noise is measured
@@ -66,7 +68,7 @@ def noise_of(pixels: Floats) -> float:
     """
     if pixels.shape[2] != 3:
         return 0.0
-    luma = pixels @ LUMA[0].astype(np.float32)
+    luma = product(pixels, LUMA[0].astype(np.float32))
     distance: Any = ndimage.distance_transform_edt(_contrast(luma[..., None]) <= EDGE)
     beside = (distance >= BESIDE[0]) & (distance <= BESIDE[1])
     beside[[0, -1]] = beside[:, [0, -1]] = False
@@ -88,7 +90,7 @@ def _contrast(values: Floats) -> Floats:
 
 def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     """Return an opaque picture (h, w, 3) without noise of this height beside its edges."""
-    values = pixels @ LUMA.T.astype(np.float32)
+    values = product(pixels, LUMA.T.astype(np.float32))
     local = _local(values, noise, bleeding)
     smooth = values
     for _ in range(PASSES):
@@ -108,8 +110,8 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     result = smooth.copy()
     colors = colors[:MOST_COLORS].astype(np.float32)
     _mix_cores(*cores.shape, values, smooth, cores, len(colors), colors, local, result)
-    back = np.linalg.inv(LUMA).T.astype(np.float32)
-    return np.clip(result @ back, 0, 1)
+    back = solve(LUMA, np.eye(3)).T.astype(np.float32)
+    return np.clip(product(result, back), 0, 1)
 
 
 def _local(values: Floats, noise: float, bleeding: float) -> Floats:
@@ -139,7 +141,7 @@ def _evened(
     Cores are in the order of their sizes. A small one gets the colour of a larger one that is alike
     within the noise. Pixels that are not like their core are taken out of `cores`.
     """
-    values = pixels @ LUMA.T.astype(np.float32)
+    values = product(pixels, LUMA.T.astype(np.float32))
     for k, box in enumerate(ndimage.find_objects(cores + 1, max_label=count)):
         if box is None:
             continue
@@ -161,7 +163,7 @@ def _evened(
         else:
             ys, xs = pixels_of(inside, box)
             paint = paint_of(pixels, ys, xs)
-            new = paint.at(xs, ys) @ LUMA.T.astype(np.float32)
+            new = product(paint.at(xs, ys), LUMA.T.astype(np.float32))
             if not paint.is_shaded or np.abs(own - new).mean() > SHADED * most[0] + LEVEL:
                 new = _smoothed(values[box], inside)
                 new = np.where(np.abs(new - own) <= noise, new, own)
@@ -174,7 +176,7 @@ def _evened(
 def _smoothed(values: Floats, inside: Bools) -> Floats:
     """Return the values (n, c) of the pixels of a mask (h, w), smoothed within it."""
     masked = np.dstack([values, np.ones_like(values[..., 0])]) * inside[..., None]
-    sums: Any = ndimage.gaussian_filter(masked, (SMOOTHED, SMOOTHED, 0))
+    sums: Any = smoothed(masked, SMOOTHED)
     return sums[inside][:, :-1] / sums[inside][:, -1:]
 
 
@@ -194,7 +196,7 @@ def enlargement_of(pixels: Floats) -> float:
 
     If it was not enlarged, one step between two pixels has most of the contrast of such an edge.
     """
-    luma = pixels[..., :3] @ LUMA[0].astype(np.float32)
+    luma = product(pixels[..., :3], LUMA[0].astype(np.float32))
     shares, steep = [], 0
     for rows in (luma, luma.T):
         if rows.shape[1] <= EDGE_STEPS:

@@ -9,6 +9,7 @@ import numpy as np
 
 from gauss2svg.areas.kernels import Floats, Ints
 from gauss2svg.core import Kernel
+from gauss2svg.portable import dot
 
 ACROSS = 6  # places along the end of a stroke (ACROSS of gauss2svg/core/composition.c)
 
@@ -79,16 +80,16 @@ class Samples:
         Return the step (u,). Parameters that follow from others have the step 0.
         """
         step, p = np.zeros_like(r), r / diagonal
-        rz = first = r @ p
+        rz = first = dot(r, p)
         for _ in range(steps):
             # So no division is by 0: D is positive, and p is not 0 if rz is not.
             if rz < 1e-8 * first or rz < 1e-18:
                 break
             product = self.gradient(image, len(r), p.copy()) + damping * p
-            length = rz / (p @ product)
+            length = rz / dot(p, product)
             step += length * p
             r = r - length * product
-            new = r @ (r / diagonal)
+            new = dot(r, r / diagonal)
             p = r / diagonal + new / rz * p
             rz = new
         return step

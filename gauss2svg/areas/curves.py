@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gauss2svg import portable
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.core import Kernel
 
@@ -51,10 +52,9 @@ def sampled(segments: Floats, curved: Bools, count: Ints) -> Floats:
     owner = np.repeat(np.arange(len(count)), count)
     t = (np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)) / count[owner]
     u, is_curve = 1 - t, curved[owner]
-    basis = np.where(
-        is_curve, [u**3, 3 * u * u * t, 3 * u * t * t, t**3], [u, np.zeros_like(t), 0 * t, t]
-    )
-    return np.einsum("kn,nkc->nc", basis, segments[owner])
+    cubic = [u * u * u, 3 * u * u * t, 3 * u * t * t, t * t * t]
+    basis = np.where(is_curve, cubic, [u, np.zeros_like(t), 0 * t, t])
+    return (basis.T[..., None] * segments[owner]).sum(axis=1)
 
 
 class _Fit(NamedTuple):
@@ -208,7 +208,7 @@ def _move_joins(pieces: list[_Piece], fitted: _Fitted) -> None:
         for one, two in zip(pieces, [*pieces[1:], pieces[0]], strict=True):
             u = one.fit.segment[3] - one.fit.segment[2]
             v = two.fit.segment[1] - two.fit.segment[0]
-            turn = np.arctan2(u[0] * v[1] - u[1] * v[0], u @ v)
+            turn = portable.arctan2(u[0] * v[1] - u[1] * v[0], portable.dot(u, v))
             for by in (-shift, shift) if abs(turn) < SMOOTH_RAD else ():
                 while min(one.last - one.first + by, two.last - two.first - by) > 1:
                     middle = one.last + by

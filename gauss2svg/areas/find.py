@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.areas.evened import with_even_photos, without_shading
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.layers import join_touching, masks_of
@@ -262,7 +263,7 @@ def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
     areas, background = shown_areas(drawing)
     error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
     explained = float((3 * error <= EXPLAINED).mean())
-    psnr = -10 * math.log10(max(float(error.mean()), LEAST_ERROR))
+    psnr = -10 * portable.log10(max(float(error.mean()), LEAST_ERROR))
     return FoundAreas(areas, background, explained, psnr, find_s, refine_s, drawing)
 
 

@@ -11,8 +11,8 @@ import io
 from typing import Any
 
 import numpy as np
-from scipy.fft import dctn
 
+from gauss2svg import portable
 from gauss2svg.areas.clean import LUMA
 from gauss2svg.areas.kernels import Floats
 
@@ -24,6 +24,9 @@ LEAST_STEP = 2  # levels; rounding to whole levels hides finer steps
 # phases. It is 14 to 140 for JPEGs of 256 px, and up to 6 for pictures reduced by half. Clean
 # ones, which have no noise and are not asked, have up to 14.
 ON_STEPS = 8.0
+# Element (x, u) is the value at x of the cosine of the frequency u.
+_COSINES = portable.cos(np.pi / SIDE * np.outer(np.arange(SIDE) + 0.5, np.arange(SIDE)))
+_COSINES *= np.sqrt(np.where(np.arange(SIDE), 2, 1) / SIDE)
 
 
 def quality_of(picture: Floats) -> int | None:
@@ -31,11 +34,11 @@ def quality_of(picture: Floats) -> int | None:
 
     It is that of libjpeg's tables. Return None if the picture has no such tables.
     """
-    luma = 255 * picture[:MOST_SIDE, :MOST_SIDE] @ LUMA[0]
+    luma = 255 * portable.product(picture[:MOST_SIDE, :MOST_SIDE], LUMA[0])
     h, w = (side - side % SIDE for side in luma.shape)
     blocks = luma[:h, :w].reshape(h // SIDE, SIDE, w // SIDE, SIDE)
-    values: Any = dctn(blocks, axes=(1, 3), norm="ortho")
-    values = values.swapaxes(1, 2).reshape(-1, SIDE * SIDE)
+    values = portable.product(portable.product(blocks, _COSINES).swapaxes(1, 3), _COSINES)
+    values = values.transpose(0, 2, 3, 1).reshape(-1, SIDE * SIDE)
     values[:, 0] = 0  # many blocks of even parts have the same mean
     place = np.nonzero(np.abs(values) > LEAST_STEP / 2)
     values, frequency = values[place], place[1]
@@ -43,7 +46,7 @@ def quality_of(picture: Floats) -> int | None:
     def score(quality: int) -> float:
         step = _steps(quality)[frequency]
         is_rounded = (step >= LEAST_STEP) & (np.abs(values) > step / 2)
-        cosine = np.cos(2 * np.pi * values[is_rounded] / step[is_rounded])
+        cosine = portable.cos(2 * np.pi * values[is_rounded] / step[is_rounded])
         return float(cosine.sum()) / max(len(cosine) / 2, 1) ** 0.5
 
     scores = {quality: score(quality) for quality in QUALITIES}

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import ndimage
 from skimage.morphology import remove_small_holes, skeletonize
 
+from gauss2svg import portable
 from gauss2svg.areas.centrelines import branches_of, centred, widths_along
 from gauss2svg.areas.kernels import Bools, Floats
 
@@ -152,7 +153,7 @@ def _cleared(
         end = junctions[k] if k else free._replace(places=branch[[-side]])
         if k or not closed:
             clear_px = min(end.radius + CLEAR, max(end.radius + 0.5, n / 5))
-            away = np.hypot(*(branch[:, None] - end.places).transpose(2, 0, 1)).min(axis=1)
+            away = portable.hypot(*(branch[:, None] - end.places).transpose(2, 0, 1)).min(axis=1)
             clear &= away > (clear_px if k else end.radius - 0.5)
     if np.count_nonzero(clear) < 2:
         middle = n // 2
@@ -201,7 +202,7 @@ def _ray(branch: Floats, width: float) -> Ray:
     near, far = branch[max(arm // 2, 1)] - branch[0], branch[arm] - branch[0]
     # The tangent of the parabola through three points
     way = 4 * near - far if arm > 3 else far
-    return Ray(branch[0], way / max(np.hypot(*way), 1e-9), width)
+    return Ray(branch[0], way / max(portable.hypot(*way), 1e-9), width)
 
 
 def _turn(a: Ray, b: Ray) -> float:
@@ -210,12 +211,12 @@ def _turn(a: Ray, b: Ray) -> float:
     A change of its width counts as a turn.
     """
     gap = b.point - a.point
-    length = np.hypot(*gap)
+    length = portable.hypot(*gap)
     if length < 1e-6:
-        turn = float(np.arccos(np.clip(-(a.way @ b.way), -1, 1)))
+        turn = float(portable.arccos(np.clip(-portable.dot(a.way, b.way), -1, 1)))
     else:
-        cosines = -(a.way @ gap) / length, (b.way @ gap) / length
-        turn = float(np.arccos(np.clip(cosines, -1, 1)).sum())
+        cosines = [-portable.dot(a.way, gap) / length, portable.dot(b.way, gap) / length]
+        turn = float(portable.arccos(np.clip(cosines, -1, 1)).sum())
     low, high = sorted((a.width, b.width))
     return turn + RAD_OF_WIDTH * max(high / max(low, 1e-3) - ALIKE, 0)
 
@@ -235,7 +236,7 @@ def _join_crossings(
             continue
         one, other = junctions[a], junctions[b]
         most = BRIDGE * (one.radius + other.radius) + BRIDGE_PX
-        if np.hypot(*(one.centre - other.centre)) > most:
+        if portable.hypot(*(one.centre - other.centre)) > most:
             continue
         sides: dict[int, list[End]] = {a: [], b: []}
         between = []
@@ -277,21 +278,21 @@ def _links(group: list[End], rays: dict[End, Ray], is_pair: bool, most: float) -
 def _across(a: Ray, b: Ray, junction: Junction) -> Floats:
     """Return the points (n, 2) of a line between the two rays along which it passes a junction."""
     gap = b.point - a.point
-    length = np.hypot(*gap)
+    length = portable.hypot(*gap)
     if _turn(a, b) < STRAIGHT_RAD:
         t = np.linspace(0, 1, max(round(length / STEP), 1) + 1)[1:-1, None]
         u = 1 - t
         p, q = a.point - a.way * length / 3, b.point - b.way * length / 3
-        return u**3 * a.point + 3 * u * t * (u * p + t * q) + t**3 * b.point
+        return u * u * u * a.point + 3 * u * t * (u * p + t * q) + t * t * t * b.point
     corner = junction.centre
     det = a.way[0] * b.way[1] - a.way[1] * b.way[0]
     if abs(det) > 0.15:
         meeting = a.point + (gap[0] * b.way[1] - gap[1] * b.way[0]) / det * a.way
-        if np.hypot(*(meeting - corner)) < FAR * junction.radius + 1:
+        if portable.hypot(*(meeting - corner)) < FAR * junction.radius + 1:
             corner = meeting
     points = [a.point, corner, b.point]
     parts = [
-        np.linspace(p, q, max(round(np.hypot(*(q - p)) / STEP), 1), endpoint=False)
+        np.linspace(p, q, max(round(portable.hypot(*(q - p)) / STEP), 1), endpoint=False)
         for p, q in itertools.pairwise(points)
     ]
     return np.concatenate(parts)[1:]
@@ -320,7 +321,7 @@ def _walked(
             index, side = end
             used.add(index)
             branch = branches[index][:: -1 if side else 1]
-            is_loop = not any(ends[index]) and np.hypot(*(branch[0] - branch[-1])) < 1.5
+            is_loop = not any(ends[index]) and portable.hypot(*(branch[0] - branch[-1])) < 1.5
             is_loop = is_loop and len(branch) > 5
             parts.append(branch)
             wide.append(widths_along(branch, share, bool(is_loop)))
@@ -347,5 +348,5 @@ def _walked(
 
 def _to_centre(ray: Ray, junction: Junction) -> Floats:
     """Return the point (1, 2) at which a line ends that goes no further than a junction."""
-    ahead = max(float((ray.point - junction.centre) @ ray.way), 0.0)
+    ahead = max(portable.dot(ray.point - junction.centre, ray.way), 0.0)
     return (ray.point - ahead * ray.way)[None]

@@ -17,6 +17,7 @@ from gauss2svg.areas.kernels import Floats, Ints
 from gauss2svg.areas.masks import LEVEL, Box, dilated, parts_of, pixels_of, widened
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import Shares
+from gauss2svg.portable import dot, product
 
 THICK = 5  # px; a region that contains a square of this size is no thin part
 LEAST_THICK = 0.5  # share of a ground's pixels in such squares
@@ -105,7 +106,9 @@ def known_paint(longest: Letter, share: Floats, paints: list[Paint]) -> Paint | 
         ground = longest.darkest - most * longest.way
         away = [(p, p.color - ground) for p in paints]
         same = [
-            p for p, way in away if way @ longest.way > LEAST_ALIKE * max(np.sqrt(way @ way), most)
+            p
+            for p, way in away
+            if dot(way, longest.way) > LEAST_ALIKE * max(np.sqrt(dot(way, way)), most)
         ]
     return min(same, key=lambda p: np.abs(p.color - longest.darkest).max(), default=None)
 
@@ -142,8 +145,8 @@ def letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint])
         ys, xs = pixels_of(rim & ~solid[box], box)
         off = pixels[ys, xs] - ground.at(xs, ys)
         way = (off * np.sqrt((off**2).sum(axis=1, keepdims=True))).sum(axis=0)
-        way /= max(np.sqrt(way @ way), 1e-9)
-        share = off @ way
+        way /= max(np.sqrt(dot(way, way)), 1e-9)
+        share = product(off, way)
         rest = (off - share[:, None] * way) ** 2
         if share.max() < LEAST_CONTRAST or rest.sum() > MOST_OFF * len(ys):
             continue
@@ -165,7 +168,7 @@ def lines_of(letters: list[Letter], paints: list[Paint]) -> list[list[Letter]]:
             if (
                 root[i] != root[j]
                 and paints[one.region] is paints[other.region]
-                and one.way @ other.way > LEAST_ALIKE
+                and dot(one.way, other.way) > LEAST_ALIKE
                 and _are_beside(one.box, other.box)
             ):
                 root[root == root[i]] = root[j]

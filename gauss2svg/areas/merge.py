@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from gauss2svg import portable
 from gauss2svg.areas.curves import merge_pieces, sampled
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.outlines import Path, Weights, lengths_of, weights_by
@@ -150,11 +151,11 @@ def _shortened(path: Path, by: float) -> Path:
     segments = path.segments.copy()
     for p, is_curve in ((segments[0], path.curved[0]), (segments[-1, ::-1], path.curved[-1])):
         way = p[1 if is_curve else 3] - p[0]
-        if np.hypot(*way) < 1e-6:
+        if portable.hypot(*way) < 1e-6:
             way = p[3] - p[0]
-        length = np.hypot(*(p[3] - p[0]))
+        length = portable.hypot(*(p[3] - p[0]))
         if length > 2 * by:
-            p[0] += way / np.hypot(*way) * by
+            p[0] += way / portable.hypot(*way) * by
             if not is_curve:
                 p[1] = p[0]
     return path._replace(segments=segments)

@@ -16,9 +16,11 @@ import numpy as np
 from scipy import ndimage
 from skimage.measure import find_contours
 
+from gauss2svg import portable
 from gauss2svg.areas.curves import merge_pieces, path_bytes
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.masks import Box
+from gauss2svg.without_scipy import smoothed
 
 # Function from points (n, 2) to the weight of a squared distance of 1 px along 1 px of an outline
 Weights = Callable[[Floats], Floats]
@@ -65,7 +67,7 @@ class Path(NamedTuple):
 
 def lengths_of(segments: Floats) -> Floats:
     """Return the lengths (k,) in px of the polygons of control points (k, 4, 2)."""
-    return np.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    return portable.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1)
 
 
 def weights_by(contrast: Floats, left: int, top: int, shape: tuple[int, ...]) -> Weights:
@@ -102,7 +104,7 @@ def field_of(share: Floats) -> Floats:
         inside = np.clip((field - 0.5) * (SLOPE * FINE / 2) + 0.5, 0, 1)
         error = share - inside.reshape(h, FINE, w, FINE).mean(axis=(1, 3))
         field += FIELD_STEP * ndimage.zoom(error, FINE, order=1, mode="nearest", grid_mode=True)
-        field = ndimage.gaussian_filter(field, SMOOTH * FINE, truncate=3)
+        field = smoothed(field, SMOOTH * FINE, truncate=3)
     return field
 
 
@@ -136,7 +138,7 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
     for line in find_contours(np.pad(padded, 1), 0.5):
         points = (line[:-1, ::-1] - 0.5) / fine + corner
         x, y = points.T
-        area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
+        area = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
         if len(points) >= 4 and abs(area) >= LEAST_AREA:
             contours.append(points)
     return contours
@@ -145,7 +147,7 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
 def resampled(points: Floats, step: float = STEP, closed: bool = True) -> Floats:
     """Return points about `step` px apart along a polyline (n, 2)."""
     line = np.vstack([points, points[:1]]) if closed else points
-    place = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    place = np.concatenate([[0], np.cumsum(portable.hypot(*np.diff(line, axis=0).T))])
     count = max(round(place[-1] / step), 8 if closed else 2)
     at = np.linspace(0, place[-1], count + 1)[: count if closed else count + 1]
     return np.stack([np.interp(at, place, line[:, i]) for i in (0, 1)], axis=1)
@@ -162,7 +164,7 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
         return np.arange(0)
     before, after = points - np.roll(points, ARM, axis=0), np.roll(points, -ARM, axis=0) - points
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    turn = np.abs(np.arctan2(cross, (before * after).sum(axis=1)))
+    turn = np.abs(portable.arctan2(cross, (before * after).sum(axis=1)))
     if not closed:
         turn[:ARM] = turn[-ARM:] = 0
     around = np.stack([np.roll(turn, k) for k in range(-ARM, ARM + 1)])
@@ -173,7 +175,7 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
 def _line_through(points: Floats) -> tuple[Floats, Floats]:
     """Return the middle of points (n, 2), and the direction of the line through them."""
     middle = points.mean(axis=0)
-    return middle, np.linalg.svd(points - middle)[2][0]
+    return middle, portable.main_axis(points - middle)
 
 
 def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
@@ -204,7 +206,7 @@ def with_corners(
             det = u[1] * v[0] - u[0] * v[1]
             if abs(det) > LEAST_SINE:
                 meeting = p + ((q - p)[1] * v[0] - (q - p)[0] * v[1]) / det * u
-                if np.hypot(*(meeting - points[corner])) < MOST_MOVE:
+                if portable.hypot(*(meeting - points[corner])) < MOST_MOVE:
                     moved[corner] = meeting
         away = np.arange(1, cut)
         keep[(corner - away) % n] = keep[(corner + away) % n] = False
@@ -231,7 +233,7 @@ def fitted_path(
     start = np.append(np.unique(np.concatenate(starts)), ends[-1])
     if closed and len(start) < 3:
         start = np.array([start[0], (start[0] + start[-1]) // 2, start[-1]])
-    gap = np.hypot(*np.diff(points, axis=0, append=points[:1]).T)
+    gap = portable.hypot(*np.diff(points, axis=0, append=points[:1]).T)
     if not closed:
         gap[-1] = 0.0
     weight = weight_at(points) * 0.5 * (gap + np.roll(gap, 1))

@@ -7,6 +7,7 @@ from scipy.ndimage import find_objects
 
 from gauss2svg.areas.kernels import FLAT, LINEAR, RADIAL, SHADES, Floats, Ints
 from gauss2svg.areas.masks import LEVEL, Box, pixels_of
+from gauss2svg.portable import cos, dot, exp, hypot, least_squares, main_axis, product, sin, solve
 from gauss2svg.scene.areas import LinearGradient, RadialGradient
 
 EVEN = 2 * LEVEL  # largest difference from the median within a region of one colour
@@ -47,8 +48,8 @@ class Paint:
         self.form, self.place = FLAT, np.zeros(4)
         if isinstance(gradient, LinearGradient):
             axis = np.subtract(gradient.end, gradient.start)
-            axis /= axis @ axis
-            self.form, self.place = LINEAR, np.array([*axis, -axis @ gradient.start, 0.0])
+            axis /= dot(axis, axis)
+            self.form, self.place = LINEAR, np.array([*axis, -dot(axis, gradient.start), 0.0])
         elif gradient is not None:
             self.form = RADIAL
             self.place = np.array([*gradient.center, *np.divide(1, gradient.radii)])
@@ -103,12 +104,12 @@ def _linear(points: Floats, colors: Floats) -> tuple[LinearGradient, float]:
     mean = points.mean(axis=0)
     offset = points - mean
     basis = np.column_stack([offset, np.ones(len(points))])
-    slope = np.linalg.lstsq(basis, colors, rcond=None)[0][:2]
-    x, y = np.linalg.svd(slope)[0][:, 0]
+    x, y = main_axis(least_squares(basis, colors)[:2].T)
     turns = np.linspace(-0.3, 0.3, 25)
-    axes = [np.array([x * np.cos(t) - y * np.sin(t), x * np.sin(t) + y * np.cos(t)]) for t in turns]
-    axis = min(axes, key=lambda one: _spread(offset @ one, colors))
-    places, stops, error = _stops(offset @ axis, colors)
+    across, along = cos(turns), sin(turns)
+    axes = np.stack([x * across - y * along, x * along + y * across], axis=1)
+    axis = min(axes, key=lambda one: _spread(product(offset, one), colors))
+    places, stops, error = _stops(product(offset, axis), colors)
     start, end = mean + places[0] * axis, mean + places[-1] * axis
     offsets = (places - places[0]) / (places[-1] - places[0])
     return LinearGradient(tuple(offsets), tuple(map(tuple, stops)), tuple(start), tuple(end)), error
@@ -135,14 +136,16 @@ def _radial(
     inner = steep.max(axis=1) < MOST_SLOPE
     normal = np.stack([-down[inner], across[inner]], axis=-1).reshape(-1, 2)
     at = np.repeat(points[inner], 3, axis=0)
-    matrix = normal.T @ normal
-    if len(at) < 150 or np.linalg.cond(matrix) > 1e4:
+    matrix = product(normal.T, normal)
+    (xx, xy), (_, yy) = matrix
+    apart = hypot(xx - yy, 2 * xy)  # difference of the eigenvalues, whose ratio must be below 1e4
+    if len(at) < 150 or not xx + yy + apart < 1e4 * (xx + yy - apart):
         return None, np.inf
-    meeting = np.linalg.solve(matrix, normal.T @ (normal * at).sum(axis=1))
+    meeting = solve(matrix, product(normal.T, (normal * at).sum(axis=1)))
     scale = np.ptp(points, axis=0).max()
 
     def radius(v: Floats) -> Floats:
-        return np.hypot(points[:, 0] - v[0] * scale, (points[:, 1] - v[1] * scale) * np.exp(v[2]))
+        return hypot(points[:, 0] - v[0] * scale, (points[:, 1] - v[1] * scale) * exp(v[2]))
 
     low, high = points.min(axis=0) - scale, points.max(axis=0) + scale
     results = []
@@ -161,7 +164,7 @@ def _radial(
     v[2] = 0.0 if abs(v[2]) < 0.02 else v[2]
     places, stops, error = _stops(radius(v), colors)
     outer = places[-1]
-    radii = outer, outer * np.exp(-v[2])
+    radii = outer, outer * exp(-v[2])
     offsets = np.clip(places / outer, 0, 1)
     return RadialGradient(
         tuple(offsets), tuple(map(tuple, stops)), tuple(v[:2] * scale), radii
@@ -197,8 +200,8 @@ def _stops(place: Floats, colors: Floats) -> tuple[Floats, Floats, float]:
 
     def fitted(knots: Floats) -> tuple[float, Floats]:
         basis = np.stack([np.interp(at, knots, row) for row in np.eye(len(knots))], axis=1)
-        stops = np.linalg.lstsq(basis * weight, mean * weight, rcond=None)[0]
-        error = ((mean - basis @ stops) ** 2 * weight**2).sum() + within
+        stops = least_squares(basis * weight, mean * weight)
+        error = ((mean - product(basis, stops)) ** 2 * weight**2).sum() + within
         return float(np.sqrt(error / colors.size)), stops
 
     knots = np.array([low, high])

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.areas.composition import (
     ACROSS,
     Samples,
@@ -49,7 +50,7 @@ LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for co
 
 def squared(error: NDArray[np.float32]) -> float:
     """Return the sum of squares."""
-    return float(np.dot(error.ravel(), error.ravel()))
+    return float(np.square(error).sum())
 
 
 @dataclass
@@ -300,10 +301,10 @@ class Drawing:
         ends = np.append(0, np.cumsum(sizes)).astype(np.int32)
         matrix = csr_array((values, columns, ends), shape=(len(flat), h * w))
         matrix.sum_duplicates()
-        prior = np.diag([paint.prior for paint in flat])
-        gram = (matrix @ matrix.T).toarray() + prior
+        prior = np.array([paint.prior for paint in flat])
+        gram = (matrix @ matrix.T).toarray() + np.diag(prior)
         old = np.array([paint.color for paint in flat])
-        new = np.linalg.solve(gram, matrix @ rest + prior @ old)
+        new = portable.solve(gram, matrix @ rest + prior[:, None] * old)
         for paint, color in zip(flat, new, strict=True):
             paint.color = np.clip(color, 0, 1)
 
@@ -362,7 +363,7 @@ class Drawing:
         before = self._path_errors(error, path, own)
         # Each sample stands for 1 / RATE px of an outline.
         lengths = (np.abs(jacobian[:, c:8:2].sum(axis=1)) for c in (0, 1))
-        seen = float(((weights**2).sum(axis=1) * np.hypot(*lengths)).sum())
+        seen = float(((weights**2).sum(axis=1) * portable.hypot(*lengths)).sum())
         self.noise = loss / max(seen, 1e-9)
         point, width, moves = self.point, self.width, np.ones(len(self.closed), bool)
         for attempt in range(2):
@@ -410,7 +411,7 @@ class Drawing:
         damp += BASE
         step = samples.solve(np.empty_like(rows), r, diagonal + damp, damp, CG_STEPS)
         move = step[:widths].reshape(-1, 2)
-        move *= np.minimum(1, MOST_STEP / np.maximum(np.hypot(*move.T), 1e-9))[:, None]
+        move *= np.minimum(1, MOST_STEP / np.maximum(portable.hypot(*move.T), 1e-9))[:, None]
         return move, np.clip(step[widths:], -MOST_WIDENING, MOST_WIDENING)
 
     def _path_errors(self, error: NDArray[np.float32], path: Ints, pixel: Ints) -> Floats:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from gauss2svg import portable
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.masks import BLOCK, LEVEL, Box, dilated, widened
 from gauss2svg.areas.paint import Paint
@@ -219,7 +220,7 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
         others = median[np.unique(wide[wide >= 0])]
         for colors, most, least in ((pixels[near][ring], 0.93, 2), (others, 0.9, 1)):
             axis = colors - ground
-            share = axis @ shade / np.maximum((axis**2).sum(axis=1), 1e-9)
+            share = portable.product(axis, shade) / np.maximum((axis**2).sum(axis=1), 1e-9)
             off = ((shade - share[:, None] * axis) ** 2).sum(axis=1)
             if np.count_nonzero((share < most) & (share > 0.05) & (off < 1e-3)) >= least:
                 labels[labels == k] = -1

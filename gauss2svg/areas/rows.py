@@ -19,6 +19,7 @@ from gauss2svg.areas.masks import LEVEL
 from gauss2svg.areas.outlines import Path, lengths_of
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.thin import Line
+from gauss2svg.portable import dot, product
 
 MOST_OFF = 1.5  # px across a level segment between its points, because ends bend at crossings
 LEAST_LENGTH = 4.0  # px of a segment
@@ -134,14 +135,14 @@ def pieces_of(pixels: Floats, index: int, path: Path) -> list[Piece]:
         off = np.median(rows[:, has_ground], axis=1) - ground
         is_even = np.abs(rows - ground - off[:, None]).max(axis=(0, 2)) <= EVEN
         total = off.sum(axis=0)
-        share = off @ total / max(total @ total, 1e-9)
+        share = product(off, total) / max(dot(total, total), 1e-9)
         row = int(share.argmax())
         if (
             is_even.mean() >= LEAST_EVEN
             and np.abs(np.sort(share)[:-2]).max() <= EMPTY
             and np.abs(off - share[:, None] * total).max() <= EVEN
         ):
-            middle = top + 0.5 + float(share @ np.arange(6))
+            middle = top + 0.5 + dot(share, np.arange(6))
             pieces.append(Piece(
                 index, segment, axis, low[axis], high[axis], middle, top + row, share[row], ground,
                 total,
@@ -207,7 +208,7 @@ def _is_darker(pixels: Floats, one: Piece, other: Piece) -> bool:
 
     Lines of 1 px cover a larger share of the pixel there, and wider ones all of the two rows.
     """
-    share = (pixels[one.row, other.row] - one.ground) @ one.total / (one.total @ one.total)
+    share = dot(pixels[one.row, other.row] - one.ground, one.total) / dot(one.total, one.total)
     most = max(one.share, other.share)
     return bool(share > most + 0.5 * (1 - most) * min(one.share, other.share))
 

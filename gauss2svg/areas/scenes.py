@@ -84,7 +84,7 @@ def with_ellipses_as_areas(scene: Scene) -> Scene:
     if not scene.areas or not len(scene) or (scene.drawn != PLAIN).any():
         return scene
     factor = scene.factor * covered_radius(scene.beta)[:, None, None]
-    points = _CIRCLE @ factor.swapaxes(1, 2) + scene.mean[:, None]
+    points = (_CIRCLE[:, None] * factor[:, None]).sum(axis=3) + scene.mean[:, None]
     ellipses = [
         Area((Outline(own, (True,) * 4),), color, opacity)
         for own, color, opacity in zip(

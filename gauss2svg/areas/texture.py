@@ -13,6 +13,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
+
 TILE, TILES = 32, 1024  # side in px, and number, of the tiles that are looked at in larger pictures
 LEVELS = np.array([77, 128, 50, 100], np.float32)  # weights of red, green, blue and alpha
 SMOOTH = 2.0  # largest difference of neighbours in a smooth block of 2 x 2 pixels, in levels of 255
@@ -31,7 +33,7 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
     tiles = _tiles(pixels)
     if tiles.shape[-1] == 4:
         tiles = np.concatenate([tiles[..., :3] * tiles[..., 3:], tiles[..., 3:]], axis=-1)
-    level = tiles @ LEVELS[: tiles.shape[-1]]
+    level = portable.product(tiles, LEVELS[: tiles.shape[-1]])
     down, across = (np.abs(np.diff(level, axis=axis)) for axis in (1, 2))
     # Element (y, x) is about the block whose upper left pixel is (y, x).
     rough = np.maximum(
@@ -45,7 +47,7 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
         end = np.maximum(ends[:, :, :-EDGE_PX], ends[:, :, EDGE_PX:])
         is_smooth = end <= np.maximum(SMOOTH, SMOOTH_SHARE * edge)
         crisp += np.count_nonzero((edge > EDGE) & is_smooth)
-    needed = math.exp(-STEEPNESS * np.count_nonzero(rough <= SMOOTH) / rough.size)
+    needed = portable.exp(-STEEPNESS * np.count_nonzero(rough <= SMOOTH) / rough.size)
     return bool(crisp / level.size + FREE_EDGES >= needed)
 
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from gauss2svg import portable
 from gauss2svg.areas.junctions import Chain, chains_of
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.letters import SAME_COLOR, UNEXPLAINED
@@ -87,7 +88,7 @@ def add_thin_regions(
         part, boxes = parts_of(shares.error > UNEXPLAINED)
         before = len(paints)
         power = ndimage.sum_labels(shares.error, part, np.arange(1, len(boxes) + 1))
-        for q in np.argsort(-power)[:MOST_PARTS]:
+        for q in np.argsort(-power, kind="stable")[:MOST_PARTS]:
             at = pixels_of(part[boxes[q]] == q + 1, boxes[q])
             old = shares.error[at]
             if len(old) < LEAST_PIXELS or old.sum() < LEAST_ERROR:
@@ -118,7 +119,7 @@ def _paint_of_part(
 
     error  (n,) squared error of the pixels without it
     """
-    values = pixels[at][np.argsort(-error)]
+    values = pixels[at][np.argsort(-error, kind="stable")]
     count = len(error)
 
     def cost(color: Floats) -> float:
@@ -253,7 +254,7 @@ def _thick(share: Floats, radius: float) -> Bools:
     If the radius is WIDE, discs where lines cross are left out.
     """
     side = np.arange(-int(radius), int(radius) + 1)
-    disc, margin = np.hypot(side, side[:, None]) < radius, len(side)
+    disc, margin = portable.hypot(side, side[:, None]) < radius, len(side)
     solid = np.pad(share > 0.5, margin, mode="edge")
     opened: Any = ndimage.binary_opening(solid, disc)
     if radius == WIDE:
@@ -331,7 +332,7 @@ def strokes_of(
     level = min(0.35, 0.4 * float(np.percentile(seen, 85)))
     chains = chains_of(part.share > level, part.share)
     lines = [chain.points if chain.closed else _extended(chain, part) for chain in chains]
-    length = sum(np.hypot(*np.diff(points, axis=0).T).sum() for points in lines)
+    length = sum(portable.hypot(*np.diff(points, axis=0).T).sum() for points in lines)
     width = part.share.sum() / max(length, 1e-9)
     if width > widest or length < max(LEAST_SHARE, LEAST_LENGTH * width):
         return []
@@ -357,7 +358,7 @@ def _extended(chain: Chain, part: Part) -> Floats:
             continue
         arm = min(2 + round(chain.width), len(points) - 1)
         way = points[-1] - points[-1 - arm]
-        way = way / max(np.hypot(*way), 1e-9)
+        way = way / max(portable.hypot(*way), 1e-9)
         ahead = np.arange(0.0, chain.width + 2.5, 0.25)
         across = chain.width * np.array([-0.25, 0.0, 0.25])
         at = points[-1] + ahead[:, None, None] * way + across[:, None] * (way[1], -way[0])

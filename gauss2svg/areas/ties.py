@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gauss2svg import portable
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 
 SMOOTH_RAD = np.radians(12)  # largest turn at a join that is smooth
@@ -64,8 +65,8 @@ def tied(
     one = np.where(was_curved, segment[before, 2], segment[before, 0])
     other = np.where(curved, segment[:, 1], segment[:, 3])
     u, v = point[node] - point[one], point[other] - point[node]
-    long_u, long_v = np.hypot(*u.T), np.hypot(*v.T)
-    turn = np.abs(np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
+    long_u, long_v = portable.hypot(*u.T), portable.hypot(*v.T)
+    turn = np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
     is_smooth = (turn <= SMOOTH_RAD) & (np.minimum(long_u, long_v) >= LEAST_ARM)
     at = np.flatnonzero(is_smooth & (before >= 0) & (was_curved | curved))
     node, one, other, u, v, long_u, long_v = (
@@ -79,7 +80,7 @@ def tied(
     ratio[both & (ratio >= 1 / MIRROR) & (ratio <= MIRROR)] = 1.0
     # Two handles turn to their mean direction.
     way = u / long_u[:, None] + v / long_v[:, None]
-    way *= (np.where(leads, -long_u, long_v) / np.hypot(*way.T))[:, None]
+    way *= (np.where(leads, -long_u, long_v) / portable.hypot(*way.T))[:, None]
     point = point.copy()
     point[master[both]] = (point[node] + way)[both]
     of_node = np.repeat(1.0 + ratio, 2)

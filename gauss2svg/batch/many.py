@@ -36,7 +36,7 @@ from gauss2svg.files import STANDARD_STREAM, as_json, folds_case, reason_of
 from gauss2svg.options import file_name
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline.budgets import memory_limit
-from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
+from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.processes import MEMORY_SHARE
@@ -120,8 +120,7 @@ class Batch:
         if root == STANDARD_STREAM:
             raise refusal("output", "a folder", quoted(root), "-o out/")
         self.root = root.rstrip("/") if is_url(root) else os.path.abspath(root)
-        of_picture = {k: v for k, v in self.options.flat().items() if k not in NOT_OF_PICTURE}
-        text = json.dumps([__version__, of_picture], sort_keys=True)
+        text = json.dumps([__version__, self.options.of_picture()], sort_keys=True)
         identity = hashlib.sha256(text.encode()).hexdigest()[:16]
         self._spec = BatchSpec(self.options, self.root, versions(), identity)
         # The list is kept in a temporary file, as an SQLite database, because a list of a million

@@ -1,6 +1,6 @@
 /* Adam's step of Gaussians, each in its own frame (gauss2svg.fit.adam). */
 
-#include "core.h"
+#include "functions.h"
 
 enum { COLUMNS = 10 };
 
@@ -43,8 +43,8 @@ API int64_t step_gaussians(int64_t n, const double (*moments)[COLUMNS],
         d[5] *= 1.0 - opacity_color[i][0];
         d[9] = price - shape[i][5] * d[9];
         age[i] += 1.0;
-        const double unbiased = -rate * sqrt(1.0 - pow(q, age[i])) / (1.0 - pow(p, age[i]));
-        const double crisp = by_beta != 0.0 ? exp(by_beta * raw_beta[i]) : 1.0;
+        const double unbiased = -rate * sqrt(1.0 - power(q, age[i])) / (1.0 - power(p, age[i]));
+        const double crisp = by_beta != 0.0 ? exponential(by_beta * raw_beta[i]) : 1.0;
         for (int k = 0; k < COLUMNS; k++) {
             m[i][k] = p * m[i][k] + (1.0 - p) * d[k];
             v[i][k] = q * v[i][k] + (1.0 - q) * (d[k] * d[k]);
@@ -102,7 +102,7 @@ API int64_t step_gaussians(int64_t n, const double (*moments)[COLUMNS],
         for (int k = 0; k < 3 && columns[6][0] != 0.0; k++)
             color[i][k] = clip(color[i][k] + d[6 + k], columns[6][1], columns[6][2]);
         if (columns[9][0] != 0.0) {
-            const double sharpest = clip(log(rim * new_minor), columns[9][1], columns[9][2]);
+            const double sharpest = clip(logarithm(rim * new_minor), columns[9][1], columns[9][2]);
             raw_beta[i] = clip(raw_beta[i] + d[9], columns[9][1], sharpest);
         }
     }

@@ -11,6 +11,7 @@ a stroke is too dark in a few pixels where it crosses itself, or turns within it
 
 Points are in px. */
 
+#include "functions.h"
 #include "paths.h"
 
 static const double SAGITTA = 0.01;    /* largest distance in px of a curve from its polygon */
@@ -139,13 +140,13 @@ void add_outline(const Box *box, Path path) {
 polygon runs from the hub to the arc, along it, and back. All parts of a stroke turn the same way,
 so that none is a hole in another. */
 static void add_fan(const Box *box, point centre, point from, point to, double radius, point hub) {
-    const double signed_turn = atan2(cross(from, to), dot(from, to)), turn = fabs(signed_turn);
+    const double signed_turn = angle_of(cross(from, to), dot(from, to)), turn = fabs(signed_turn);
     const point begin = signed_turn < 0.0 ? to : from;
     const int64_t count = (int64_t)(turn * sqrt(radius / (8.0 * SAGITTA))) + 1;
     point before = hub;
     for (int64_t i = 0; i <= count; i++) {
         const double angle = turn * (double)i / (double)count;
-        const point next = centre + radius * (begin * cos(angle) + turned(begin) * sin(angle));
+        const point next = centre + radius * (begin * cosine(angle) + turned(begin) * sine(angle));
         add_edge(box, before, next);
         before = next;
     }
@@ -198,7 +199,7 @@ static Cuts inner_cuts(Segment first, Segment second, double half) {
 polygons of both segments end at the point `hub`. */
 static void add_join(
     const Box *box, point node, point u, point v, double half, point hub, bool is_round) {
-    const double turn = atan2(cross(u, v), dot(u, v));
+    const double turn = angle_of(cross(u, v), dot(u, v));
     if (fabs(turn) * half < LEAST_GAP)
         return;
     /* Now the stroke comes along u, turns to the left, and leaves along v. */
@@ -210,8 +211,8 @@ static void add_join(
     point p = node - half * turned(from);
     const point q = node - half * turned(to);
     add_edge(box, hub, p);
-    if (cos(0.5 * turn) * MITER_LIMIT >= 1.0) {
-        const point tip = p + half * tan(0.5 * fabs(turn)) * from;
+    if (cosine(0.5 * turn) * MITER_LIMIT >= 1.0) {
+        const point tip = p + half * (sine(0.5 * fabs(turn)) / cosine(0.5 * turn)) * from;
         add_edge(box, p, tip);
         p = tip;
     }

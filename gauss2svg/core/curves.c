@@ -36,7 +36,10 @@ INLINE double error_of(const Run *run, int64_t i, double d) {
 
 /* Return the number of digits of a coordinate in user units. */
 static double digits(double value, double unit) {
-    return floor(log10(max(fabs(rint(value / unit)), 1.0))) + 1.0;
+    double count = 1.0, left = fabs(rint(value / unit));
+    for (; left >= 10.0 && count < 16.0; left /= 10.0)
+        count += 1.0;
+    return count;
 }
 
 /* Return about how many bytes of relative path data a segment has. A user unit has `unit` px. */

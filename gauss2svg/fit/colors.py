@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
+from gauss2svg.core import Kernel
 from gauss2svg.fit import adam
 from gauss2svg.fit.adam import Blending
 from gauss2svg.fit.state import COLOR, State
@@ -91,8 +93,8 @@ class SharedColors:
         self.age += 1
         self.adam_m = self.adam_m + (1 - first_decay) * (summed - self.adam_m)
         self.adam_v = self.adam_v + (1 - second_decay) * (summed**2 - self.adam_v)
-        unbiased_m = self.adam_m / (1 - first_decay**self.age)
-        unbiased_v = self.adam_v / (1 - second_decay**self.age)
+        unbiased_m = self.adam_m / (1 - portable.power(first_decay, self.age))
+        unbiased_v = self.adam_v / (1 - portable.power(second_decay, self.age))
         step = COLOR_RATE * rate * unbiased_m / (np.sqrt(unbiased_v) + 1e-12)
         self.color = np.clip(self.color - step, *self.bounds)
         self.assign(state, self.entry)
@@ -274,9 +276,9 @@ class InkColors:
         factor: Cholesky factors (n, 3) of the shapes, in px.
         """
         l11, l21, l22 = factor.T
-        axis_sum, axis_difference = np.hypot(l11 + l22, l21), np.hypot(l11 - l22, l21)
+        axis_sum, axis_difference = portable.hypot(l11 + l22, l21), portable.hypot(l11 - l22, l21)
         minor = np.maximum(0.5 * (axis_sum - axis_difference), 1e-9)
-        return np.log(np.clip(RIM_WIDTH / _RIM_PX * minor, LEAST_PLAIN_BETA, _MOST_BETA))
+        return portable.log(np.clip(RIM_WIDTH / _RIM_PX * minor, LEAST_PLAIN_BETA, _MOST_BETA))
 
 
 def _bands(height: int, width: int) -> Iterator[slice]:
@@ -294,6 +296,9 @@ ROUNDED_SWEEPS = 3  # number of further sweeps, which both clip and round the co
 DAMPING = 1e-6
 
 
+_sweep_colors = Kernel("sweep_colors", "int float64 float64 float64 int64 float float64")
+
+
 def solved_colors(
     products: NDArray[np.float64], sums: NDArray[np.float64], levels: int
 ) -> NDArray[np.float64]:
@@ -309,14 +314,11 @@ def solved_colors(
         return np.zeros((0, 3))
     diagonal = np.maximum(np.diag(products), 1e-9)
     damped = products + DAMPING * np.diag(diagonal + diagonal.max())
-    color = np.linalg.solve(damped, sums)
+    color = portable.solve(damped, sums)
     bounded = 0 if (color >= 0).all() and (color <= 1).all() else BOUNDED_SWEEPS
     color = np.minimum(np.maximum(color, 0), 1)
-    order = np.argsort(-diagonal)
+    order = np.argsort(-diagonal, kind="stable")
+    arrays = np.ascontiguousarray(products), np.ascontiguousarray(sums), diagonal, order
     for sweep in range(bounded + ROUNDED_SWEEPS):
-        for k in order:
-            best = color[k] + (sums[k] - products[k] @ color) / diagonal[k]
-            if sweep >= bounded:
-                best = np.rint(best * levels) / levels
-            color[k] = np.minimum(np.maximum(best, 0), 1)
+        _sweep_colors(len(sums), *arrays, 0.0 if sweep < bounded else float(levels), color)
     return color

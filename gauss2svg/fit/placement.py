@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.core import Kernel
 from gauss2svg.fit import FitOptions
 from gauss2svg.fit.target import Target
@@ -147,7 +148,7 @@ class _Placer:
         y, x = np.divmod(pixel, self._target.width)
         sigma = max(self._spacing * INITIAL_SIGMA, LEAST_NEW_SIGMA)
         along, coherence = self._target.edges
-        stretch = np.exp(ELONGATION * coherence[y, x])
+        stretch = portable.exp(ELONGATION * coherence[y, x])
         factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
@@ -166,10 +167,10 @@ class _Placer:
             return self.by_error(count)
         sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_NEW_SIGMA)
         xx, xy, yy = parts.moments()
-        spread = np.hypot(xx - yy, 2 * xy)
+        spread = portable.hypot(xx - yy, 2 * xy)
         aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 2 * _PIXEL_VARIANCE))
         stretch = np.sqrt(np.minimum(aspect, MOST_FIRST_ASPECT))
-        angle_rad = 0.5 * np.arctan2(2 * xy, xx - yy)
+        angle_rad = 0.5 * portable.arctan2(2 * xy, xx - yy)
         minor = np.maximum(sigma / stretch, LEAST_MINOR)
         gaussians = NewGaussians(
             mean=parts.center() + 0.5,
@@ -288,8 +289,9 @@ def _oriented(
 
     An ellipse is described by its semi-axes (n,) and the direction (n,) of the major semi-axis.
     """
-    co, si = np.cos(angle_rad, dtype=np.float64), np.sin(angle_rad, dtype=np.float64)
-    l11 = np.hypot(co * major, si * minor)
+    angle_rad = angle_rad.astype(np.float64)
+    co, si = portable.cos(angle_rad), portable.sin(angle_rad)
+    l11 = portable.hypot(co * major, si * minor)
     l21 = co * si * (np.square(major) - np.square(minor)) / l11
     return np.stack([l11, l21, major * minor / l11], axis=1).astype(np.float64)
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.fit import FitConfig, FitOptions, adam
 from gauss2svg.fit.adam import OPAQUE_LOGIT, blending_of
 from gauss2svg.fit.colors import InkColors, SharedColors, best_colors
@@ -292,7 +293,7 @@ class Population:
         error = self.target.weighted_squares(rendered)
         # If a Gaussian were removed, the error e would become e + cost. So this Gaussian raises the
         # PSNR by 10 log10(1 + cost / e) dB.
-        least_cost = error * (10 ** (least / 10) - 1)
+        least_cost = error * (portable.power(10, least / 10) - 1)
         self.state = self.state.select(cost[:, 0] > least_cost)
 
     def prune_invisible(self) -> None:
@@ -317,7 +318,7 @@ class Population:
         as_written  function that returns the scene as its file would hold it
         psnr        PSNR of the present scene in dB, which `as_written` needs
         """
-        least = math.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
+        least = portable.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
         self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
         written = as_written(self.scene(), psnr)
         written = written.select(

@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from gauss2svg import portable
+
 LARGEST_REDUCTION = 8  # largest factor by which a target's width and height are divided in growth
 
 # Constants of a fit's schedule (docs/decisions/fit.md).
@@ -136,7 +138,7 @@ def rate(done: float) -> float:
     start = DECAY_START
     if done < start:
         return 1.0
-    fall = 0.5 * (1 + math.cos(math.pi * (done - start) / (1 - start)))
+    fall = 0.5 * (1 + portable.cos(math.pi * (done - start) / (1 - start)))
     return max(LAST_RATE, fall)
 
 

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.fit import DEFAULT_LOSS, PERCEPTUAL, PSNR, has_ssim
 from gauss2svg.photo.pixels import BACKDROPS, Focus, has_alpha, shrunk
 from gauss2svg.render.cpu import (
@@ -145,8 +146,8 @@ class Target:
         by_view = [slopes(planar.mean(axis=0)) for planar, _ in self._views]
         products = [(gx * gx, gy * gy, gx * gy) for gx, gy in by_view]
         jxx, jyy, jxy = (smoothed(reduce(add, parts), 2.0) for parts in zip(*products, strict=True))
-        along = 0.5 * np.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
-        coherence = np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
+        along = 0.5 * portable.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
+        coherence = portable.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
         return along.astype(np.float32), coherence.astype(np.float32)
 
     def _over(self, splats: Splats, backdrop: float | None) -> Splats:
@@ -164,13 +165,10 @@ class Target:
         """
         if self._alpha is None:
             return np.full(len(mean), usual_logit)
-        # This import is slow and seldom needed.
-        from scipy.special import expit, logit
-
         x, y = np.clip(mean.astype(np.intp), 0, [self.width - 1, self.height - 1]).T
-        opacity = expit(usual_logit) * self._alpha[y, x]
-        opacity = np.clip(opacity, LEAST_OPACITY, MOST_OPACITY)
-        return logit(opacity.astype(np.float64))
+        opacity = self._alpha[y, x] / (1 + portable.exp(-usual_logit))
+        opacity = np.clip(opacity, LEAST_OPACITY, MOST_OPACITY).astype(np.float64)
+        return portable.log(opacity / (1 - opacity))
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
         """Return the render of the Gaussians, an array of the shape of `planar`."""
@@ -344,13 +342,13 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
         energy = reduce(add, map(_gradient_energy, lumas)) / len(lumas)
-        flatness = np.exp(-smoothed(energy, FLAT_REACH) / FLAT_GRADIENT**2)
+        flatness = portable.exp(-smoothed(energy, FLAT_REACH) / FLAT_GRADIENT**2)
         weight = 1 + FLAT * flatness
     else:
         variance = reduce(add, map(_local_variance, lumas)) / len(lumas)
         bound = TIMES_MEDIAN * np.median(variance)
         bound = np.clip(bound, LEAST_BOUND, MOST_BOUND)
-        weight = (1 + np.minimum(variance, bound) / CONTRAST**2) ** -EXPONENT
+        weight = portable.power(1 + np.minimum(variance, bound) / CONTRAST**2, -EXPONENT)
         weight /= weight.mean()
     return weight.astype(views[0].dtype)
 
@@ -452,11 +450,8 @@ def structural_similarity(
     # diverged.
     weight = 1 if focus is None else focus[windows] / focus[windows].mean()
 
-    # This import is slow and seldom needed.
-    from scipy.ndimage import gaussian_filter
-
     def blurred(plane: NDArray[np.floating]) -> NDArray[np.floating]:
-        return gaussian_filter(plane, 1.5, radius=radius, mode="constant")
+        return smoothed(plane, 1.5, radius / 1.5)
 
     def gathered(slope: NDArray[np.floating]) -> NDArray[np.floating]:
         padded = np.zeros_like(image)
@@ -478,4 +473,4 @@ def structural_similarity(
 
 def psnr_of(error: float) -> float:
     """Return the PSNR in dB that belongs to a mean squared error, or infinity for an error of 0."""
-    return -10 * math.log10(error) if error > 0 else math.inf
+    return -10 * portable.log10(error) if error > 0 else math.inf

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.measure.metrics import check_shapes
 from gauss2svg.photo.pixels import BACKDROPS, has_alpha, linear_light, over
 from gauss2svg.without_scipy import mirrored
@@ -69,7 +70,7 @@ def _over(image: NDArray[np.float32], photo: NDArray[np.float32], level: float) 
         band = rows[top : top + _BAND + 2 * radius]
         difference = chroma(over(image[band], level)) - chroma(over(photo[band], level))
         a, b = box_mean(np.moveaxis(difference, 2, 0), WINDOW)[:, radius : len(band) - radius]
-        np.hypot(a, b, out=errors[top : top + _BAND])
+        errors[top : top + _BAND] = portable.hypot(a, b)
     y, x = divmod(int(errors.argmax()), width)
     worst = float(errors[y, x])
     return HueError(worst, x, y, float(np.percentile(errors, PERCENTILE, overwrite_input=True)))
@@ -82,8 +83,10 @@ def chroma(rgb: NDArray[np.floating]) -> NDArray[np.float32]:
     """
     table = _light()
     levels = np.round(rgb * np.float32(len(table) - 1)).astype(np.int32)
-    xyz = np.take(table, levels, mode="clip") @ _XYZ.T
-    x, y, z = np.moveaxis(np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116), -1, 0)
+    xyz = portable.product(np.take(table, levels, mode="clip"), _XYZ.T)
+    x, y, z = np.moveaxis(
+        np.where(xyz > 0.008856, portable.cbrt(xyz), 7.787 * xyz + 16 / 116), -1, 0
+    )
     return np.stack([500 * (x - y), 200 * (y - z)], axis=-1)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.errors import InputError
 from gauss2svg.without_scipy import smoothed
 
@@ -102,7 +103,7 @@ def psnr(
 
 def psnr_of(error: float) -> float:
     """Return the PSNR in dB of a mean squared error, which is infinite for 0."""
-    return -10 * math.log10(error) if error > 0 else math.inf
+    return -10 * portable.log10(error) if error > 0 else math.inf
 
 
 def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from gauss2svg import portable
 from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.options import hex_of
 
@@ -248,7 +249,7 @@ def from_views(white: NDArray[np.floating], black: NDArray[np.floating]) -> NDAr
 
 def linear_light(value: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return the linear light of sRGB values in 0..1 (IEC 61966-2-1)."""
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    return np.where(value <= 0.04045, value / 12.92, portable.power((value + 0.055) / 1.055, 2.4))
 
 
 def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:

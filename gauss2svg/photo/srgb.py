@@ -13,6 +13,7 @@ import pyvips
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
+from gauss2svg import portable
 from gauss2svg.photo.libvips import samples
 from gauss2svg.photo.pixels import linear_light, unit
 
@@ -146,15 +147,17 @@ def _by_gamma(
         return color, [f"{space.source} unusable; sRGB assumed"]
     if is_same and (color.shape[2] == 1 or not has_primaries):
         return color, []
-    light = linear_light(color) if is_same else color ** np.float32(1 / space.gamma)
+    light = linear_light(color) if is_same else portable.power(color, 1 / space.gamma)
     if color.shape[2] == 3 and has_primaries:
-        light = np.clip(light @ matrix.T.astype(np.float32), 0, 1)
+        light = np.clip(portable.product(light, matrix.T.astype(np.float32)), 0, 1)
     return _srgb_value(light), [f"converted from {space.source} to sRGB"]
 
 
 def _srgb_value(light: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the sRGB values of linear light (IEC 61966-2-1)."""
-    value = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
+    value = np.where(
+        light <= 0.0031308, light * 12.92, 1.055 * portable.power(light, 1 / 2.4) - 0.055
+    )
     return value.astype(np.float32)
 
 
@@ -165,9 +168,10 @@ def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] 
     None if the primaries are degenerate.
     """
     x, y = np.array(chromaticity, float).reshape(4, 2).T
-    if not (y > 0).all() or abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:
+    area = (x[2] - x[1]) * (y[3] - y[1]) - (x[3] - x[1]) * (y[2] - y[1])
+    if not (y > 0).all() or abs(area) < 1e-4:
         return None
-    matrix = np.linalg.solve(_to_xyz(_SRGB), _to_xyz(chromaticity))
+    matrix = portable.solve(_to_xyz(_SRGB), _to_xyz(chromaticity))
     white = matrix.sum(axis=1, keepdims=True)
     return matrix / white if (white > 0).all() else None
 
@@ -180,4 +184,4 @@ def _to_xyz(chromaticity: tuple[float, ...]) -> NDArray[np.floating]:
     x, y = np.array(chromaticity, float).reshape(4, 2).T
     white, *primaries = np.stack([x / y, np.ones(4), (1 - x - y) / y], axis=1)
     columns = np.stack(primaries, axis=1)
-    return columns * np.linalg.solve(columns, white)
+    return columns * portable.solve(columns, white)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.photo.pixels import BACKDROPS, views
 from gauss2svg.render import render
@@ -62,9 +63,9 @@ def _size(area: Area) -> float:
     for outline in area.outlines:
         x, y = outline.nodes.T
         if area.is_line:
-            total += area.width * float(np.hypot(np.diff(x), np.diff(y)).sum())
+            total += area.width * float(portable.hypot(np.diff(x), np.diff(y)).sum())
         else:
-            total += 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+            total += 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
     return abs(total)
 
 
@@ -98,7 +99,8 @@ def with_solved_colors(scene: Scene, picture: NDArray[np.float32]) -> Scene:
         products += len(missing) * (shares @ shares.T).toarray()
         sums += shares @ np.sum([view[band] for view in missing], axis=0).reshape(-1, 3)
     together = np.eye(entry.max() + 1)[:, entry]
-    solution = solved_colors(together @ products @ together.T, together @ sums, 255)
+    products = portable.product(portable.product(together, products), together.T)
+    solution = solved_colors(products, portable.product(together, sums), 255)
     solved = iter(map(tuple, solution[entry].tolist()))
     areas = [_painted(area, solved) for area in reversed(scene.areas)]
     background = scene.background if scene.transparent else next(solved)

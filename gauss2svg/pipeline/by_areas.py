@@ -25,6 +25,7 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.areas.clean import UNBLED, cleaned, enlargement_of, noise_of
 from gauss2svg.areas.find import (
     RATE,
@@ -252,7 +253,7 @@ class ByAreas:
         psnr = self._psnr(outcome)
         is_sure = plan.goal.time_limit is not None or (not is_limited and psnr >= asked)
         if not (unsure or is_sure or self._run.ended):
-            error = trials.values * 10 ** (-psnr / 10)
+            error = trials.values * portable.power(10, -psnr / 10)
             unsure = trials.is_visible(error) and trials.shapes_win(outcome.file.size, error)
         return dataclasses.replace(outcome, unsure=unsure)
 
@@ -339,7 +340,9 @@ class ByAreas:
             export = self._exporter.unscored(ground.replace(areas=areas))
             if export.size > self._limit:
                 return math.inf
-            return 3 * math.prod(photo.shape[:2]) * 10 ** (-self._raster_psnr(export) / 10)
+            return (
+                3 * math.prod(photo.shape[:2]) * portable.power(10, -self._raster_psnr(export) / 10)
+            )
 
         areas = kept(ground.areas, start.areas, error_of)
         found = dataclasses.replace(trial.found, areas=areas)
@@ -368,7 +371,10 @@ class ByAreas:
         is_limited = self._limit < math.inf
         if not is_shaded:
             trials = [self._trials.trial(first)]
-            if self._plan.in_inks and trials[0].error > 10 ** (-IN_INKS / 10) * self._trials.values:
+            if (
+                self._plan.in_inks
+                and trials[0].error > portable.power(10, -IN_INKS / 10) * self._trials.values
+            ):
                 self._is_lost = True
                 return self._trials.trial(nothing(self._subject.working), 0)
             is_seen = self._fills and self._trials.is_visible(trials[0].error)

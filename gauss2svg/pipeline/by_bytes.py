@@ -35,6 +35,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.fit.session import FitSession
@@ -328,7 +329,7 @@ def with_few_exponents(scene: Scene, exponents: Exponents) -> Scene:
     it covers. All other shapes are soft. Each of them gets the nearest of `exponents`.
     """
     classes = np.array([*exponents, BETA_CLASSES[-1]])
-    nearest = np.abs(np.log(scene.beta)[:, None] - np.log(classes)).argmin(axis=1)
+    nearest = np.abs(portable.log(scene.beta)[:, None] - portable.log(classes)).argmin(axis=1)
     plain = nearest == len(exponents)
     beta, semi_axes = classes[nearest], scene.ellipse_axes[0] * covered_radius(scene.beta)[:, None]
     beta[plain] = plain_beta(semi_axes[plain])
@@ -391,7 +392,7 @@ def recolored(
     squares = sum(float(np.square(target).sum()) for target in targets)
 
     def residual(color: Rows) -> float:
-        return squares + float(np.sum(color * (products @ color - 2 * sums)))
+        return squares + float(np.sum(color * (portable.product(products, color) - 2 * sums)))
 
     color = solved_colors(products, sums, levels)
     error = max(residual(color), 0.0) / (3 * len(targets) * width * height)

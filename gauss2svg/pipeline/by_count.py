@@ -15,6 +15,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.fit import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import DensificationPolicy, FitSession
 from gauss2svg.photo.pixels import over
@@ -133,7 +134,7 @@ class ByCount:
             limits.expected = len(start)
         if plan.goal.count_adapts:
             count, limits.stop_reason = min(len(start), limits.expected), "start"
-        doublings = abs(math.log2(max(count, 1) / len(start)))
+        doublings = abs(portable.log2(max(count, 1) / len(start)))
         session.begin_with(start)
         if (limit := plan.goal.byte_limit) is not None:
             first = self._exporter.export(session.scene())

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.without_scipy import nearest_entry, weighted_means
 
 # The next constants control the search for a palette (docs/decisions/palette.md).
@@ -123,8 +124,8 @@ class Clusters:
         share = self._weight[members, None]
         mean = (share * self._features[members]).sum(axis=0) / share.sum()
         offset = self._features[members] - mean
-        spread = (share * offset).T @ offset
-        axis = np.linalg.eigh(spread)[1][:, -1]
+        axis = portable.main_axis(np.sqrt(share) * offset)
+        spread = float((share * np.square(offset)).sum())
         # The heap compares these tuples. Clusters of equal error are ordered by the index of their
         # first member, so that the arrays are never compared.
-        return -float(np.trace(spread)), int(members[0]), members, mean, offset @ axis > 0
+        return -spread, int(members[0]), members, mean, portable.product(offset, axis) > 0

@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
+from gauss2svg import portable
 from gauss2svg.fit import PERCEPTUAL
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.photo.pixels import has_alpha
@@ -44,7 +45,7 @@ class Exporter:
 
         psnr  PSNR of the scene in dB, or None if the scene has already been quantised
         """
-        error = None if psnr is None else 10 ** (-psnr / 10)
+        error = None if psnr is None else portable.power(10, -psnr / 10)
         plan, subject, (width, height) = self._plan, self._subject, self._subject.canvas
         scaled = scene.scaled(width / scene.width, height / scene.height)
         scaled, weight = scaled.replace(width=width, height=height), None

@@ -73,6 +73,6 @@ def _points(area: Area) -> NDArray[np.float64]:
     """Return points (n, 2) along all outlines of an area."""
     p = np.concatenate([outline.segments for outline in area.outlines])[None]
     t, s = PARTS, 1 - PARTS
-    weights = s**3, 3 * s * s * t, 3 * s * t * t, t**3
+    weights = s * s * s, 3 * s * s * t, 3 * s * t * t, t * t * t
     points = np.stack([w * p[:, :, k] for k, w in enumerate(weights)]).sum(axis=0)
     return points.reshape(-1, 2)

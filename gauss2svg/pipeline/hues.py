@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.measure.hue import WINDOW, box_mean, chroma
 from gauss2svg.pipeline.clusters import Clusters, Palette, Rows
 from gauss2svg.render.cpu import moments_of_gradient, render_planar, splats_of
@@ -78,7 +79,7 @@ class HueChange:
 
     def largest(self, colors: Rows) -> float:
         """Return the largest change of hue of any place by these colours of the shaded shapes."""
-        return float(np.hypot(*self.of(colors)[1]).max())
+        return float(portable.hypot(*self.of(colors)[1]).max())
 
     def seen(self, planes: NDArray[np.floating]) -> Rows:
         """Return the sums (m, 3) of three planes, weighted by what each shaded shape shows."""
@@ -103,7 +104,7 @@ def keep_hues(
     entries, entry = palette[0], palette[1].copy()
     for _ in range(ROUNDS):
         own, local = change.of(entries[entry, :3])
-        size = np.hypot(*local)
+        size = portable.hypot(*local)
         hot = size > max(LARGEST_CHANGE, WORST * float(size.max()))
         if not hot.any() or len(entries) >= count:
             break
@@ -132,8 +133,9 @@ def _near(features: Rows, hues: NDArray[np.floating], entries: Rows) -> NDArray[
     band = max(1, _PAIRS // len(entries))
     for first in range(0, len(features), band):
         part = slice(first, first + band)
-        apart = np.linalg.norm(features[part, None] - entries, axis=2)
-        apart[np.linalg.norm(hues[part, None] - own, axis=2) > LARGEST_CHANGE] = np.inf
+        apart = np.sqrt(np.square(features[part, None] - entries).sum(axis=2))
+        turns = np.square(hues[part, None] - own).sum(axis=2)
+        apart[turns > LARGEST_CHANGE**2] = np.inf
         near[part] = np.where(apart.min(axis=1) < NEAR, apart.argmin(axis=1), -1)
     return near
 
@@ -151,7 +153,7 @@ def _groups(features: Rows, hues: NDArray[np.floating], weight: Rows) -> list[ND
             continue
         apart = hues[group] - hues[group].mean(axis=0)
         clusters = Clusters(both[group], weight[group])
-        if np.hypot(*apart.T).max() > LARGEST_CHANGE:
+        if portable.hypot(*apart.T).max() > LARGEST_CHANGE:
             clusters.split(2, 0.0)
         parts = [group[members] for members in clusters.members]
         (wide if len(parts) > 1 else groups).extend(parts)

@@ -10,13 +10,13 @@ the picture that is drawn so has crisp edges between inks. Areas are then found 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.areas.pixels import Sprite
 from gauss2svg.photo.pixels import over
 from gauss2svg.render import render, render_rgba
@@ -93,7 +93,7 @@ def far_colors(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> str:
         return cut.reshape(rows, len(cut) // rows, columns, -1, 3).mean(axis=(1, 3))
 
     drawn, wanted = blocks(raster), blocks(photo)
-    is_far = np.linalg.norm(oklab(drawn) - oklab(wanted), axis=2) > FAR
+    is_far = np.square(oklab(drawn) - oklab(wanted)).sum(axis=2) > FAR**2
     if (share := is_far.mean()) < FAR_SHARE:
         return ""
     drawn, wanted = drawn[is_far], wanted[is_far]
@@ -130,7 +130,7 @@ def _banded(paint: LinearGradient | RadialGradient, inks: str) -> LinearGradient
     across = (
         np.subtract(paint.end, paint.start) if isinstance(paint, LinearGradient) else paint.radii
     )
-    half = 0.5 / max(math.hypot(*across), 1.0)
+    half = 0.5 / max(portable.hypot(*across), 1.0)
     place = np.linspace(0, 1, PLACES)
     ink = nearest_inks(paint.colors_at(place), inks)
     changes = np.flatnonzero((np.diff(ink, axis=0) != 0).any(axis=1))

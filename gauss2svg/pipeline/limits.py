@@ -36,6 +36,7 @@ from bisect import bisect
 from collections.abc import Sequence
 from operator import attrgetter
 
+from gauss2svg import portable
 from gauss2svg.fit import schedule
 from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.measure import PSNR, Search
@@ -149,7 +150,7 @@ class Limits(DensificationPolicy):
             self._cap_reason, self._psnr = "gaussians", math.inf
         # Only PSNR has no usual slope. Growth measures it, so growth can aim at a target PSNR.
         if aim is not None and aim.search.slope is None:
-            writing = 10 * math.log10(1 + WRITING_LOSS)
+            writing = 10 * portable.log10(1 + WRITING_LOSS)
             self._psnr_reason, cap = aim.of.option, self._most
             self._psnr = aim.value + aim.search.margin + writing
         # If the target is not a PSNR, growth cannot aim at it. Growth then ends at the preset's
@@ -171,7 +172,7 @@ class Limits(DensificationPolicy):
             self.expected = int(min(cap, budget.most_gaussians(0.0)))
             self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
         # Growth has a first round, one round for each doubling, and perhaps one for a leap.
-        self.rounds = max(1, math.ceil(math.log2(max(self.expected, 1) / self._first)) + 2)
+        self.rounds = max(1, math.ceil(portable.log2(max(self.expected, 1) / self._first)) + 2)
         self.stop_reason = "cap"
         self.slope = 3.0
         self.is_additive = plan.options.svg.portable
@@ -198,7 +199,9 @@ class Limits(DensificationPolicy):
             in_time = max(now.count, 1)
         counts = self._counts(now, in_time, now.psnr)
         if self._least_saved:
-            self._rate_gain = 10 * math.log10(1 + self._least_saved * 10 ** (now.psnr / 10))
+            self._rate_gain = 10 * portable.log10(
+                1 + self._least_saved * portable.power(10, now.psnr / 10)
+            )
             # Pruning must not undo what the preset asks for.
             is_close = now.psnr > self._plan.preset.stop_psnr + ENOUGH.too_good
             self.least_gain = max(self._rate_gain if is_close else self._usual_gain, 1e-9)
@@ -302,17 +305,17 @@ class Limits(DensificationPolicy):
         """
         gain = max(now.psnr - last.psnr, 0.0) / GAIN_OF_A_ROUND
         added = now.count - last.count
-        doublings = math.log2(now.count / last.count) if last.count else 1.0
+        doublings = portable.log2(now.count / last.count) if last.count else 1.0
         rise = gain / doublings
         if doublings > WHOLE_ROUND:
             self.slope = min(max(rise, FLATTEST), STEEPEST)
         if self.least_gain:
             # At this count, one more kilobyte gains exactly as many dB as the preset demands.
-            self._paying_count = rise / ((self._rate_gain or self.least_gain) * math.log(2))
+            self._paying_count = rise / ((self._rate_gain or self.least_gain) * portable.log(2))
             if self._least_saved and self._usual_gain:
-                self._usual_count = rise / (self._usual_gain * math.log(2))
+                self._usual_count = rise / (self._usual_gain * portable.log(2))
             if last == self._before_leap and gain >= (self._rate_gain or self.least_gain) * added:
-                self._paying_count = last.count + added / (1 - 10 ** (-gain / 10))
+                self._paying_count = last.count + added / (1 - portable.power(10, -gain / 10))
 
     def _wanted(self, count: int, psnr: float, counts: dict[str, float]) -> float:
         """Return the number of Gaussians from which on no more should be added.
@@ -327,10 +330,10 @@ class Limits(DensificationPolicy):
         """
         needed = 0.0 if psnr >= self._psnr else math.inf
         if count:
-            needed = count * 2 ** min((self._psnr - psnr) / self.slope, 60.0)
+            needed = count * portable.power(2, min((self._psnr - psnr) / self.slope, 60.0))
         # Up to the PSNR of the preset, shapes above areas must gain no more than other shapes.
         doublings = (self._plan.preset.stop_psnr - psnr) / self.slope
-        usual = min(self._usual_count, count * 2 ** min(doublings, 60.0))
+        usual = min(self._usual_count, count * portable.power(2, min(doublings, 60.0)))
         paying = max(self._paying_count, usual)
         counts = {self._psnr_reason: needed, **counts, "gain": paying}
         self.stop_reason = min(counts, key=counts.__getitem__)
@@ -388,7 +391,7 @@ class Limits(DensificationPolicy):
             return count
         doublings = (search.margin - excess) / self._slope(exports)
         doublings = max(doublings, -MOST_CORRECTED if is_aim else -MOST_REDUCED)
-        needed = count * 2 ** min(doublings, MOST_CORRECTED)
+        needed = count * portable.power(2, min(doublings, MOST_CORRECTED))
         return round(needed) if is_aim else math.ceil(max(needed, min(count, LEAST_REDUCED)))
 
     def _filling(self, limit: int, count: int, exports: Sequence[Export]) -> int:
@@ -419,7 +422,7 @@ class Limits(DensificationPolicy):
         slope, (least, most) = self.slope if search.slope is None else search.slope, search.slopes
         if len(exports) >= 2:
             before, last = exports[-2:]
-            doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
+            doublings = portable.log2(len(last.scene) / max(len(before.scene), 1))
             rise = last.score - before.score
             if abs(doublings) > TELLING and rise / doublings > 0:
                 slope = rise / doublings

@@ -244,6 +244,10 @@ class Options:
         """Return the values of all options by the options' names."""
         return {name: getattr(getattr(self, key), name) for name, key in OPTIONS.items()}
 
+    def of_picture(self) -> dict[str, Any]:
+        """Return the values of the options that may change the picture, by the options' names."""
+        return {k: value for k, value in self.flat().items() if k not in NOT_OF_PICTURE}
+
     def changed(self, /, **values: Any) -> Options:
         """Return the options with these values changed. Raise InputError for an unknown name."""
         groups: dict[str, dict[str, Any]] = {}

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.errors import quoted, refusal, required
 from gauss2svg.pipeline.clusters import Rows, few_entries
 from gauss2svg.pipeline.hues import LARGEST_CHANGE, HueChange, keep_hues
@@ -60,7 +61,7 @@ def best_palette(
     kept. If `allowed` is larger, the palette has about the fewest entries whose error is at most
     `allowed`. The result is deterministic, because the first clusters come from repeated splits.
     """
-    features = np.column_stack([color, BETA_WEIGHT * np.log(_class_of(beta))])
+    features = np.column_stack([color, BETA_WEIGHT * portable.log(_class_of(beta))])
     entries, entry = few_entries(features, weight, count, allowed, _rounded)
     if change is not None and (before := change.largest(entries[entry, :3])) > LARGEST_CHANGE:
         most, palette = count - math.ceil(FOR_HUES * count), (entries, entry)
@@ -71,7 +72,7 @@ def best_palette(
         palette = keep_hues(change, features, palette, count, _rounded)
         if change.largest(palette[0][palette[1], :3]) < PAYS * before:
             entries, entry = palette
-    return entries[:, :3], _class_of(np.exp(entries[:, 3] / BETA_WEIGHT)), entry
+    return entries[:, :3], _class_of(portable.exp(entries[:, 3] / BETA_WEIGHT)), entry
 
 
 def _class_of(beta: Rows) -> Rows:
@@ -80,8 +81,10 @@ def _class_of(beta: Rows) -> Rows:
 
 def _rounded(features: Rows) -> Rows:
     """Round colours to 8 bits and exponents to their classes."""
-    classes = _class_of(np.exp(features[:, 3] / BETA_WEIGHT))
-    return np.column_stack([np.round(features[:, :3] * 255) / 255, BETA_WEIGHT * np.log(classes)])
+    classes = _class_of(portable.exp(features[:, 3] / BETA_WEIGHT))
+    return np.column_stack(
+        [np.round(features[:, :3] * 255) / 255, BETA_WEIGHT * portable.log(classes)]
+    )
 
 
 def quantize(

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.photo.pixels import shrunk
 from gauss2svg.scene.inks import ink_colors, ink_name
+from gauss2svg.without_scipy import smoothed
 
 Values = NDArray[np.float32]
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
@@ -66,7 +68,7 @@ def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Value
     if sketch is None or larger is None:
         return None
     colors = ink_colors(inks) if isinstance(inks, str) else sketch[1]
-    colors = colors[np.argsort(-colors @ LUMA)]
+    colors = colors[np.argsort(-portable.product(colors, LUMA), kind="stable")]
     picture, fitted = (
         (colors[0] + covered[..., None] * (colors[1] - colors[0])).astype(np.float32)
         for covered in (larger[0], sketch[0])
@@ -83,14 +85,17 @@ def _sketch_of(pixels: Values) -> tuple[Values, Any] | None:
     h, w, channels = pixels.shape
     times = max(max(h, w) // SIDE, 1)
     small = shrunk(pixels, max(h // times, 1), max(w // times, 1))
-    if channels != 3 or not _is_mostly_paper(small @ LUMA) or (light := _light_of(small)) is None:
+    if channels != 3 or not _is_mostly_paper(portable.product(small, LUMA)):
+        return None
+    light = _light_of(small)
+    if light is None:
         return None
     from scipy import ndimage  # imported here because few pictures are mostly paper
 
     ratio = h / light.shape[0], w / light.shape[1], 1
     light: Any = ndimage.zoom(light, ratio, order=1, mode="nearest", grid_mode=True)
     shares = pixels / np.maximum(light, LEVEL)
-    darkness = 1 - shares @ LUMA
+    darkness = 1 - portable.product(shares, LUMA)
     noise, ink = _noise_and_ink(darkness)
     inked = shares[darkness > QUANTILE * ink]
     hues = inked - inked.mean(axis=1, keepdims=True)
@@ -119,8 +124,8 @@ def _light_of(small: Values) -> Values | None:
 
     from gauss2svg.areas.masks import dilated
 
-    side, luma = max(small.shape), small @ LUMA
-    smooth: Any = ndimage.gaussian_filter(luma, 1)
+    side, luma = max(small.shape), portable.product(small, LUMA)
+    smooth: Any = smoothed(luma, 1)
     bright: Any = ndimage.grey_closing(smooth, 2 * round(WINDOW * side / 2) + 1)
     darkness = 1 - smooth / np.maximum(bright, LEVEL)
     darkness -= np.median(darkness)
@@ -131,14 +136,11 @@ def _light_of(small: Values) -> Values | None:
         return None
     known = np.dstack([small, np.ones_like(luma)]) * is_paper[..., None]
 
-    def smoothed(sigma: float) -> Any:
-        return ndimage.gaussian_filter(known, (sigma, sigma, 0))
-
-    sums = smoothed(AROUND)[is_paper]
-    grain = np.abs(luma[is_paper] - sums[:, :3] @ LUMA / sums[:, 3])
+    sums = smoothed(known, AROUND)[is_paper]
+    grain = np.abs(luma[is_paper] - portable.product(sums[:, :3], LUMA) / sums[:, 3])
     if np.median(grain) < GRAIN * LEVEL:
         return None
-    sums = smoothed(SMOOTH * side) + FAR_WEIGHT * smoothed(FAR * SMOOTH * side)
+    sums = smoothed(known, SMOOTH * side) + FAR_WEIGHT * smoothed(known, FAR * SMOOTH * side)
     light = sums[..., :3] / np.maximum(sums[..., 3:], 1e-9)
     hues = light / np.maximum(light.mean(axis=2, keepdims=True), LEVEL)
     tint = np.median(hues, axis=(0, 1))
@@ -179,7 +181,7 @@ def _covered(darkness: Values, noise: float, ink: float) -> Values:
     from gauss2svg.areas.masks import parts_of
 
     highest: Any = ndimage.maximum_filter(darkness, 2 * NEAR + 1)
-    own: Any = ndimage.gaussian_filter(highest, 1)
+    own: Any = smoothed(highest, 1)
     rim = ink / 2 * np.minimum(own / (FAINT * ink), 1)
     above = np.where(own > max(NOISES * noise, DIRT), darkness - rim, -ink)
     ends: Any = (ndimage.maximum_filter(above, 3) > 0) & (ndimage.minimum_filter(above, 3) <= 0)

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.errors import InputError, RendererError, quoted, refusal
 from gauss2svg.fit import (
@@ -496,7 +497,7 @@ class Plan:
         if error is None:
             return palette, 0.0
         loss = preset.color_loss if adapts else UNSEEN_COLOR_LOSS
-        return palette, min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
+        return palette, min(error * (portable.power(10, loss / 10) - 1), LARGEST_COLOR_ERROR)
 
 
 @dataclass(frozen=True)

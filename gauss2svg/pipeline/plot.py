@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
+from gauss2svg import portable
 from gauss2svg.areas.find import RATE, UNIT
 from gauss2svg.areas.masks import dilated, distance_to, widened
 from gauss2svg.areas.outlines import lengths_of
@@ -90,7 +91,7 @@ class Plot(NamedTuple):
     def travel_mm(self) -> float:
         """Length of the ways between strokes. Each pen begins at the corner of the sheet."""
         return sum(
-            float(np.hypot(*(b[0] - a[-1])))
+            float(portable.hypot(*(b[0] - a[-1])))
             for pen in self.pens
             for a, b in pairwise([np.zeros((1, 2)), *pen.strokes])
         )
@@ -167,7 +168,7 @@ def plotted(
         distance = plotter.hatch or 2 * plotter.pen_width
         nearest = _nearest(colors, picture)
         for one, tone_of_colors in zip(strokes, tones.T, strict=True):
-            tone = 1 - picture @ _LUMA if inks is None else tone_of_colors[nearest]
+            tone = 1 - portable.product(picture, _LUMA) if inks is None else tone_of_colors[nearest]
             tone = np.where(in_line, 0, tone)
             one += _hatching(tone, distance / cell, pen_cells, plotter.hatch_angle)
     corner = 0.5 * (np.array([width, height]) - sides)
@@ -332,7 +333,9 @@ def _points_along(segments: Floats, size: Floats) -> Floats:
     while True:
         low, high = segments.min(axis=1), segments.max(axis=1)
         near = ((low <= size) & (high >= 0)).all(axis=1)
-        split = near & (np.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1) > 1)
+        split = near & (
+            portable.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1) > 1
+        )
         if not split.any():
             return np.concatenate([segments[:, 0], segments[-1:, 3]])
         a, b, c, d = segments[split].transpose(1, 0, 2)
@@ -369,9 +372,11 @@ def _simplified(points: Floats, most: float = 0.1) -> Floats:
     while spans:
         a, b = spans.pop()
         along, offset = points[b] - points[a], points[a : b + 1] - points[a]
-        length = np.hypot(*along)
+        length = portable.hypot(*along)
         distance = (
-            np.abs(offset @ [-along[1], along[0]]) / length if length else np.hypot(*offset.T)
+            np.abs(portable.product(offset, [-along[1], along[0]])) / length
+            if length
+            else portable.hypot(*offset.T)
         )
         k = int(distance.argmax())
         if distance[k] > most:
@@ -392,11 +397,11 @@ def _hatching(tone: Floats, distance: float, pen: float, angle_deg: float) -> li
     rows, columns = tone.shape
     for turn, before in zip(_TURNS_DEG, covered[:-1], strict=True):
         angle = np.radians(angle_deg + turn)
-        along = np.array([np.cos(angle), np.sin(angle)])
+        along = np.array([portable.cos(angle), portable.sin(angle)])
         across = np.array([-along[1], along[0]])
         levels = (before + (1 - before) * share * np.array(_STEPS)) / covered[-1]
         corners = np.array([[0, 0], [columns, 0], [0, rows], [columns, rows]])
-        first, last = corners @ along, corners @ across
+        first, last = portable.product(corners, along), portable.product(corners, across)
         t = np.arange(first.min(), first.max())[:, None]
         lines = list[Floats]()
         for k in range(int(np.ceil(last.min() / distance)), int(last.max() / distance) + 1):
@@ -413,7 +418,7 @@ def _joined(strokes: Sequence[Floats], dark: Bools, most: float) -> list[Floats]
     """Join strokes to the next ones that begin at most `most` cells away, across dark cells."""
     joined = list[Floats]()
     for stroke in strokes:
-        if joined and np.hypot(*(stroke[0] - joined[-1][-1])) <= most:
+        if joined and portable.hypot(*(stroke[0] - joined[-1][-1])) <= most:
             way = np.linspace(joined[-1][-1], stroke[0], 12).astype(int)
             if dark[way[:, 1], way[:, 0]].all():
                 joined[-1] = np.concatenate([joined[-1], stroke])
@@ -446,7 +451,7 @@ def _in_order(strokes: Sequence[Floats]) -> list[Floats]:
 
 
 def _length(stroke: Floats) -> float:
-    return float(np.hypot(*np.diff(stroke, axis=0).T).sum())
+    return float(portable.hypot(*np.diff(stroke, axis=0).T).sum())
 
 
 def _path_data(stroke: Floats) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import platform
 import time
@@ -20,6 +22,7 @@ from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.photo.pixels import Photo, over, pixels_of
 from gauss2svg.pipeline.budgets import measured_size
 from gauss2svg.pipeline.inked import far_colors
+from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
@@ -90,9 +93,23 @@ def run_report(
         "paint_width": shown,
         "transparent": photo.alpha is not None,
         "notes": [*photo.notes, *_notes(plan, photo, outcome)],
+        "pixels_sha256": _pixels_sha256(pixels_of(photo)),
+        "options_sha256": _options_sha256(options),
         "versions": dict(_versions()),
         "total_s": total_s,
     }
+
+
+def _pixels_sha256(pixels: NDArray[np.float32]) -> str:
+    """Return the digest of pixels (h, w, c): of their shape as text, and of their float32 bytes."""
+    digest = hashlib.sha256(str(pixels.shape).encode())
+    digest.update(np.ascontiguousarray(pixels, "<f4"))
+    return digest.hexdigest()
+
+
+def _options_sha256(options: Options) -> str:
+    """Return the digest of the options that change a file, as JSON with sorted names."""
+    return hashlib.sha256(json.dumps(options.of_picture(), sort_keys=True).encode()).hexdigest()
 
 
 def _colors(scene: Scene) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.areas.find import FoundAreas
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
@@ -127,7 +128,9 @@ class Trials:
             count = int(min(max(left, 0), 6 * count))
         if count and error > self._price * count / 2:
             session = self._fitted(scene, count, self._is_over)
-            saved = max(error - self.values * 10 ** (-session.population.psnr() / 10), 0.0)
+            saved = max(
+                error - self.values * portable.power(10, -session.population.psnr() / 10), 0.0
+            )
         price = count * self._price
         pays = saved > price
         if self._fills:
@@ -150,12 +153,12 @@ class Trials:
 
     def is_visible(self, error: float) -> bool:
         """Return whether people can see a squared error at the picture's own size."""
-        return error > self.values * 10 ** (-SEEN_UP_TO / 10)
+        return error > self.values * portable.power(10, -SEEN_UP_TO / 10)
 
     def _error(self, scene: Scene) -> float:
         """Return the squared error of a scene, measured on the small picture."""
         weight = self._subject.weight(self._small)
-        return self.values * 10 ** (-model_psnr(scene, self._small, weight) / 10)
+        return self.values * portable.power(10, -model_psnr(scene, self._small, weight) / 10)
 
     def shapes_win(self, size: float, error: float) -> bool:
         """Return whether shapes alone, in a file of so many bytes, may be closer than areas.

@@ -20,6 +20,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.core import Kernel
 from gauss2svg.errors import InputError
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs, in_shares
@@ -132,7 +133,7 @@ def splats_from(
         w11, w21, w22 = longer.T
         l11, l22 = 1 / w11, 1 / w22
         l21 = -w21 * l11 * l22
-        sy = np.hypot(l21, l22)
+        sy = portable.hypot(l21, l22)
         sigma = np.where(is_plain[:, None], np.column_stack([l11, sy]), sigma)
         rho, cut = np.where(is_plain, l21 / sy, rho), np.where(is_plain, 1.0, cut)
         # o11, o21, o22 map z to coordinates in which the enlarged ellipse is the unit disc.

@@ -17,6 +17,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.errors import SceneError, brief, quoted
 
 Point = tuple[float, float]
@@ -168,9 +169,9 @@ class LinearGradient(_Gradient):
         axis = np.subtract(self.end, self.start)
         # The position is (p - start) . axis / |axis|^2. In scaled coordinates q = S p it must be
         # (q - S start) . g with g = S^-1 axis / |axis|^2, so the new axis is g / |g|^2.
-        g = axis / (axis @ axis) / [factor_x, factor_y]
+        g = axis / portable.dot(axis, axis) / [factor_x, factor_y]
         start = np.array(self.start) * [factor_x, factor_y]
-        end = start + g / (g @ g)
+        end = start + g / portable.dot(g, g)
         return dataclasses.replace(self, start=tuple(start), end=tuple(end))
 
 
@@ -191,7 +192,7 @@ class RadialGradient(_Gradient):
     def at(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float64]:
         """Return the colours (.., 3) at points in px."""
         (cx, cy), (rx, ry) = self.center, self.radii
-        return self.colors_at(np.hypot((x - cx) / rx, (y - cy) / ry))
+        return self.colors_at(portable.hypot((x - cx) / rx, (y - cy) / ry))
 
     def scaled(self, factor_x: float, factor_y: float) -> Self:
         """Return the gradient of a canvas that is scaled by factor_x and factor_y."""

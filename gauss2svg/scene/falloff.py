@@ -28,20 +28,20 @@ any pixel. It is 0 outside the ellipse whose semi-axes are half a px longer, bec
 of a needle the formula gives too much.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from gauss2svg import portable
 
 # Distance in sigmas at which a Gaussian is cut off. There it has fallen to 1 % of its peak. With a
 # cut at 3.5 sigmas, Gaussians would cover 36 % more pixels.
 RADIUS = 3.0
 CUT = RADIUS * RADIUS / 2
-RIM = math.exp(-CUT)
+RIM = 0.011108996538242306  # exp(-CUT)
 
 LEAST_BETA, MOST_BETA = 0.5, 256.0
 # If beta is large and sigma is 1 px, the falloff drops from 0.9 to 0.1 over RIM_WIDTH / beta px.
-RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
+RIM_WIDTH = 2.1809999950677046  # ln(ln 0.1 / ln 0.9) / sqrt 2
 
 # The shapes of a file have only these exponents. Shapes of equal colour and exponent share a
 # gradient in the file, so few exponents keep the file small. More exponents would not improve
@@ -51,13 +51,14 @@ BETA_CLASSES = (1.0, 1.7, 3.0, 6.0, 16.0, 64.0)
 
 def cut_radius(beta: ArrayLike) -> NDArray[np.float64]:
     """Return the Mahalanobis distances sqrt(2 CUT^(1 / beta)) beyond which profiles are 0."""
-    return np.sqrt(2 * CUT ** (1 / np.asarray(beta, np.float64)))
+    return np.sqrt(2 * portable.power(CUT, 1 / np.asarray(beta, np.float64)))
 
 
 def profile(r: NDArray[np.floating], beta: ArrayLike = 1.0) -> NDArray[np.floating]:
     """Return the falloff f(r) in 0..1 at Mahalanobis distances r >= 0. r and beta broadcast."""
-    power = np.minimum(0.5 * np.square(r), 2 * CUT ** (1 / np.asarray(beta))) ** beta
-    return np.maximum((np.exp(-power) - RIM) / (1 - RIM), 0.0) * (r < cut_radius(beta))
+    half = np.minimum(0.5 * np.square(r), 2 * portable.power(CUT, 1 / np.asarray(beta)))
+    power = portable.power(half, beta)
+    return np.maximum((portable.exp(-power) - RIM) / (1 - RIM), 0.0) * (r < cut_radius(beta))
 
 
 def coverage(
@@ -74,8 +75,8 @@ def coverage(
     whitening, radius = np.asarray(whitening, np.float64), np.asarray(radius, np.float64)
     z1, z2 = np.moveaxis(z, -1, 0)
     w11, w21, w22 = np.moveaxis(whitening, -1, 0)
-    r = np.hypot(z1, z2)
-    slope = np.hypot(w11 * z1 + w21 * z2, w22 * z2)
+    r = portable.hypot(z1, z2)
+    slope = portable.hypot(w11 * z1 + w21 * z2, w22 * z2)
     # Moving by this many px along the gradient of r raises r by 1. At the mean, r has no gradient.
     # There the number is infinite, so that `share` becomes 1, and is limited to max_share below.
     px = np.divide(r, slope, out=np.full_like(r, np.inf), where=slope > 0)
@@ -104,7 +105,7 @@ def longer_axes(
     w11, w21, w22 = np.moveaxis(whitening, -1, 0)
     l11, l21, l22 = radius / w11, -radius * w21 / (w11 * w22), radius / w22
     xx, xy, yy = l11 * l11, l11 * l21, l21 * l21 + l22 * l22
-    middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    middle, half = 0.5 * (xx + yy), portable.hypot(0.5 * (xx - yy), xy)
     long = np.sqrt(middle + half)
     short = l11 * l22 / long
     # Each semi-axis a becomes a + 1/2. So its square, which is an eigenvalue of the matrix
@@ -144,7 +145,7 @@ def square_integral(beta: NDArray[np.float64]) -> NDArray[np.float64]:
     They follow in the same way as the integral of f in `covered_radius`.
     """
     s = 1 + 1 / beta
-    twice = 0.5**s * _lower_gamma(s, 2 * CUT)
+    twice = portable.power(0.5, s) * _lower_gamma(s, 2 * CUT)
     return 4 * np.pi / (1 - RIM) ** 2 * (twice - RIM * _lower_gamma(s, CUT))
 
 
@@ -158,7 +159,7 @@ def _lower_gamma(s: NDArray[np.float64], x: float) -> NDArray[np.float64]:
     for k in range(45 if x > CUT else 30, 0, -1):
         total *= x / (s + k)
         total += 1
-    return total * (x**s * math.exp(-x) / s)
+    return total * (portable.power(x, s) * portable.exp(-x) / s)
 
 
 def half_radius(beta: ArrayLike) -> NDArray[np.float64]:
@@ -166,7 +167,9 @@ def half_radius(beta: ArrayLike) -> NDArray[np.float64]:
 
     At these distances (r^2 / 2)^beta = -ln((1 + RIM) / 2), so r is 1.165 if beta is 1.
     """
-    return np.sqrt(2 * (-math.log(0.5 * (1 + RIM))) ** (1 / np.asarray(beta, np.float64)))
+    return np.sqrt(
+        2 * portable.power(-portable.log(0.5 * (1 + RIM)), 1 / np.asarray(beta, np.float64))
+    )
 
 
 def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -174,5 +177,5 @@ def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
 
     The nearest exponent is the one whose logarithm differs least from the logarithm of beta.
     """
-    logs = np.log(BETA_CLASSES)
-    return np.searchsorted(0.5 * (logs[1:] + logs[:-1]), np.log(beta))
+    logs = portable.log(BETA_CLASSES)
+    return np.searchsorted(0.5 * (logs[1:] + logs[:-1]), portable.log(beta))

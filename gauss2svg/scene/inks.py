@@ -13,6 +13,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from gauss2svg import portable
 from gauss2svg.errors import plain_scalar, quoted, refusal
 from gauss2svg.files import reading, text_of
 from gauss2svg.options import Field, file_name, hex_of
@@ -222,9 +223,9 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         cell = np.arange(len(colors))
     cell_counts = np.bincount(cell, counts)
     cells = weighted_means(points, counts, cell, np.zeros((len(cell_counts), 3)))
-    weight = np.asarray(cell_counts**_WEIGHT_POWER, np.float64)
+    weight = portable.power(cell_counts, _WEIGHT_POWER)
     if inks >= _COLORFUL_INKS:
-        weight *= 1 + _CHROMA_WEIGHT * np.hypot(*cells.T[1:])
+        weight *= 1 + _CHROMA_WEIGHT * portable.hypot(*cells.T[1:])
     # The first seed is the cell of largest weight. Each later seed is the cell whose weight, times
     # the squared distance to the nearest seed so far, is largest.
     seeds = [int(weight.argmax())]
@@ -264,7 +265,8 @@ def oklab(colors: NDArray[np.floating]) -> _Numbers:
 
     from gauss2svg.photo.pixels import linear_light
 
-    return np.cbrt(linear_light(colors) @ np.transpose(_TO_CONES)) @ np.transpose(_TO_LAB)
+    cones = portable.product(linear_light(colors), np.transpose(_TO_CONES))
+    return portable.product(portable.cbrt(cones), np.transpose(_TO_LAB))
 
 
 def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:

@@ -21,6 +21,7 @@ from typing import Any, BinaryIO, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted, required
 from gauss2svg.files import write_atomically
 from gauss2svg.options import Field, file_name
@@ -51,7 +52,7 @@ LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
 # Bounds of ln beta in a fit. At the lower bound a shape is nearly a Gaussian. If this bound were 0,
 # the kernels would leave out the gradient of the exponent of such a shape. If it were below 0, fits
 # would be worse (docs/decisions/adam.md).
-LEAST_RAW_BETA, MOST_RAW_BETA = 1e-6, math.log(128.0)
+LEAST_RAW_BETA, MOST_RAW_BETA = 1e-6, 7 * 0.6931471805599453
 
 _Values = NDArray[Any]
 
@@ -176,8 +177,8 @@ PARAMETERS = (
     Parameter(
         "opacity", 1, 0.0, 1.0, additive_domain=(1.0, 1.0), rate=0.15,
         raw=Raw(
-            "raw_opacity", lambda logit: 1 / (1 + np.exp(-logit)), lambda p: np.log(p / (1 - p)),
-            LEAST_RAW_OPACITY, MOST_RAW_OPACITY,
+            "raw_opacity", lambda logit: 1 / (1 + portable.exp(-logit)),
+            lambda p: portable.log(p / (1 - p)), LEAST_RAW_OPACITY, MOST_RAW_OPACITY,
         ),
         advice="to clip it, and in an additive scene to multiply the colour by it",
     ),
@@ -187,7 +188,7 @@ PARAMETERS = (
     ),
     Parameter(
         "beta", 1, LEAST_BETA, MOST_BETA, additive_domain=(1.0, 1.0), default=1.0, rate=0.05,
-        raw=Raw("raw_beta", np.exp, np.log, LEAST_RAW_BETA, MOST_RAW_BETA), shared=True,
+        raw=Raw("raw_beta", portable.exp, portable.log, LEAST_RAW_BETA, MOST_RAW_BETA), shared=True,
     ),
     Parameter("round_index", 1, 0, 2**31 - 1, default=0, dtype=np.int32, advice="to count from 0"),
     Parameter("drawn", 1, SOFT, BLURRED, additive_domain=(SOFT, SOFT), default=SOFT, dtype=np.int8),
@@ -352,8 +353,9 @@ class Scene:
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Covariance matrices (n, 2, 2) in px^2, [[sx^2, rho sx sy], [rho sx sy, sy^2]]."""
-        factor = self.factor
-        return factor @ np.swapaxes(factor, 1, 2)
+        l11, l21, l22 = self.cholesky.T
+        entries = [l11 * l11, l11 * l21, l11 * l21, l21 * l21 + l22 * l22]
+        return np.stack(entries, axis=1).reshape(-1, 2, 2)
 
     @property
     def factor(self) -> NDArray[np.float64]:
@@ -403,12 +405,12 @@ class Scene:
         from +x towards +y. +y points down.
         """
         l11, l21, l22 = self.cholesky.T
-        axis_sum = np.hypot(l11 + l22, l21)
-        axis_difference = np.hypot(l11 - l22, l21)
+        axis_sum = portable.hypot(l11 + l22, l21)
+        axis_difference = portable.hypot(l11 - l22, l21)
         major = 0.5 * (axis_sum + axis_difference)
         axes = np.stack([major, l11 * l22 / major], axis=1)
         variance_x, variance_y = np.square(self.sigma).T
-        return axes, 0.5 * np.arctan2(2 * l11 * l21, variance_x - variance_y)
+        return axes, 0.5 * portable.arctan2(2 * l11 * l21, variance_x - variance_y)
 
     @property
     def inks(self) -> NDArray[np.float64] | None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.options import Field
 from gauss2svg.scene import Scene
@@ -149,18 +150,20 @@ def _size(ring: Any) -> float:
 def _ellipses(scene: Scene, tolerance: float) -> Iterable[Floats]:
     """Yield the points (k, 2) of each plain ellipse as a polygon of the same area."""
     factor = scene.factor * covered_radius(scene.beta)[:, None, None]
-    reach = np.hypot(factor[:, :, 0], factor[:, :, 1]).max(axis=1)
+    reach = portable.hypot(factor[:, :, 0], factor[:, :, 1]).max(axis=1)
     for center, matrix, radius in zip(scene.mean, factor, reach.tolist(), strict=True):
         count = _lines(radius, 2 * math.pi, tolerance)
         step = 2 * math.pi / count
         angle = step * np.arange(count)
-        circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) * math.sqrt(step / math.sin(step))
-        yield center + circle @ matrix.T
+        circle = np.stack([portable.cos(angle), portable.sin(angle)], axis=1) * math.sqrt(
+            step / portable.sin(step)
+        )
+        yield center + portable.product(circle, matrix.T)
 
 
 def _lines(radius: float, angle: float, tolerance: float) -> int:
     """Return the number of lines of an arc. Each spans at most an eighth of a turn."""
-    step = 2 * math.acos(max(1 - tolerance / max(radius, tolerance), 0.5))
+    step = 2 * portable.arccos(max(1 - tolerance / max(radius, tolerance), 0.5))
     return math.ceil(angle / min(step, math.pi / 4) - 1e-9)
 
 
@@ -192,7 +195,7 @@ def _flat(outline: Outline, tolerance: float) -> Floats:
             continue
         # The second derivative of a cubic curve is at most 6 times this. Lines of a share of 1 / n
         # are then off by at most an eighth of it, divided by n squared.
-        bend = max(np.linalg.norm(a - 2 * b + c), np.linalg.norm(b - 2 * c + d))
+        bend = max(portable.hypot(*(a - 2 * b + c)), portable.hypot(*(b - 2 * c + d)))
         count = max(1, math.ceil(math.sqrt(0.75 * float(bend) / tolerance)))
         t = np.arange(1, count + 1)[:, None] / count
         s = 1 - t

@@ -51,6 +51,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gauss2svg import portable
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import Area, AreaCounts, counted_areas
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, drawn_radius, nearest_class
@@ -278,7 +279,7 @@ def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike 
     unit = np.broadcast_to(unit, len(scene))
     factor, mean = scene.factor * radius[:, None, None], scene.mean / precision
     factor = factor.transpose(0, 2, 1).reshape(-1, 4) / (unit * precision)[:, None]
-    decimals = np.round(np.log10(unit)).astype(int).tolist()
+    decimals = np.round(portable.log10(unit)).astype(int).tolist()
     texts = [""] * len(scene)
     for i in np.flatnonzero(writable(scene, radius, precision, unit)).tolist():
         a, b, c, d = (number(v, decimals[i]) for v in factor[i])

@@ -35,6 +35,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.scene import ADD, BLURRED, LEAST_SIGMA, MOST_SIGMA, PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import (
     BETA_CLASSES,
@@ -125,12 +126,12 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
 def _relative_error(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the squared error of each plain ellipse (n,), divided by the error that is allowed."""
     angle_rad = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
-    along, across = np.cos(angle_rad), np.sin(angle_rad)
-    growth = np.hypot(along / axes[:, :1], across / axes[:, 1:])
+    along, across = portable.cos(angle_rad), portable.sin(angle_rad)
+    growth = portable.hypot(along / axes[:, :1], across / axes[:, 1:])
     width = RIM_WIDTH / (beta[:, None] * growth)
-    length = np.hypot(axes[:, :1] * across, axes[:, 1:] * along)
+    length = portable.hypot(axes[:, :1] * across, axes[:, 1:] * along)
     length *= math.sqrt(2) * 2 * np.pi / _DIRECTIONS
-    error = (np.interp(np.log(width), np.log(_WIDTHS), _errors()) * length).sum(axis=1)
+    error = (np.interp(portable.log(width), portable.log(_WIDTHS), _errors()) * length).sum(axis=1)
     in_mass = LARGEST_ERROR * square_integral(beta) * axes.prod(axis=1)
     return error / np.minimum(in_mass, LARGEST_ON_RIM * length.sum(axis=1))
 
@@ -144,8 +145,8 @@ def _errors() -> NDArray[np.float64]:
     """
     x = np.linspace(-12, 12, 4801)
     step = x[1] - x[0]
-    grade = math.log(math.log(0.1) / math.log(0.9)) / _WIDTHS[:, None]
-    rim = np.exp(-np.exp(np.minimum(grade * x, 30.0)))
+    grade = portable.log(portable.log(0.1) / portable.log(0.9)) / _WIDTHS[:, None]
+    rim = portable.exp(-portable.exp(np.minimum(grade * x, 30.0)))
     # The antialiased edge of a plain ellipse is a ramp that is one px wide. The middle of this ramp
     # is at x = edge, so that the ramp and the rim have the same integral.
     edge = rim.sum(axis=1, keepdims=True) * step + x[0]
@@ -209,7 +210,7 @@ def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
 
     t = (np.arange(300) + 0.5) / 300
     exponent = -0.5 * (ratio * (r[:, None] - t)) ** 2
-    return (t * ratio**2 * np.exp(exponent) * ive(0, r[:, None] * t * ratio**2)).mean(axis=1)
+    return (t * ratio**2 * portable.exp(exponent) * ive(0, r[:, None] * t * ratio**2)).mean(axis=1)
 
 
 def nearest_blurs(scene: Scene) -> NDArray[np.intp]:
@@ -218,7 +219,7 @@ def nearest_blurs(scene: Scene) -> NDArray[np.intp]:
     A blur is possible if the fill-opacity of the blurred disc would be at most 1 + OVERFULL. The
     nearest one is that whose exponent is nearest to the exponent of the shape.
     """
-    distance = np.abs(np.log(scene.beta[:, None] / [blur.beta for blur in BLURS]))
+    distance = np.abs(portable.log(scene.beta[:, None] / [blur.beta for blur in BLURS]))
     full = np.array([blur.peak for blur in BLURS]) * scene.opacity[:, None]
     return np.where(full <= 1 + OVERFULL, distance, np.inf).argmin(axis=1)
 
@@ -233,7 +234,7 @@ def _becomes_blurred(scene: Scene) -> NDArray[np.bool_]:
     large = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta) >= LEAST_HALF_WIDTH
     blurred = (scene.drawn == BLURRED) | (large & ~is_plain(scene))
     others = np.flatnonzero(blurred & (scene.drawn != BLURRED))
-    steps = (round(math.log(beta) / _LOG_STEP) for beta in scene.beta[others])
+    steps = (round(portable.log(beta) / _LOG_STEP) for beta in scene.beta[others])
     differences = list(map(_difference, steps, nearest_blurs(scene)[others]))
     blurred[others] = scene.opacity[others] * differences <= MOST_DIFFERING
     return blurred
@@ -249,11 +250,12 @@ def _difference(step: int, index: int) -> float:
     step   logarithm of the exponent of the profile, as a multiple of _LOG_STEP
     index  index of the blur in BLURS
     """
-    beta, blur = math.exp(step * _LOG_STEP), BLURS[index]
+    beta, blur = portable.exp(step * _LOG_STEP), BLURS[index]
     r = np.linspace(0, 4, 400)  # radii in sigmas of the profile
     own = r * float(half_radius(blur.beta) / half_radius(beta))
     drawn = blur.peak * blurred_disc(own / blur.radius, 1 / blur.deviation)
-    return float(np.abs(drawn - profile(r, beta)).max())
+    # The last digits of SciPy's Bessel function differ from machine to machine.
+    return round(float(np.abs(drawn - profile(r, beta)).max()), 9)
 
 
 def as_written(scene: Scene, form: str) -> Scene:

@@ -48,6 +48,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.errors import instance
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
@@ -123,7 +124,7 @@ def minimal_svg(
     areas = area_elements(shapes.areas, opacity_decimals, True, set(level.tolist()))
     centers, reach = box_centers(areas.boxes)
     mean = np.vstack([centers, shapes.mean])
-    half = np.vstack([reach, np.stack([a, np.hypot(b, d)], axis=1)])
+    half = np.vstack([reach, np.stack([a, portable.hypot(b, d)], axis=1)])
     if not scene.transparent:
         whole = np.ceil(sides)
         across, down = (number(side, 0) for side in whole)

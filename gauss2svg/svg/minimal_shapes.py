@@ -23,6 +23,7 @@ from heapq import heappop, heappush
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Area, Scene
@@ -189,8 +190,8 @@ def _placed(scene: Scene, mean: Floats, factor: Floats, radius: Floats, unit: fl
     unit    user unit in px
     """
     a, b, d = unit * factor.T
-    sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
-    rho = np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT)
+    sigma = np.column_stack([a, portable.hypot(b, d)]) / radius[:, None]
+    rho = np.clip(b / portable.hypot(b, d), -RHO_LIMIT, RHO_LIMIT)
     return scene.replace(mean=unit * mean, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA), rho=rho)
 
 
@@ -216,7 +217,8 @@ def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
     # tilt could be wrong by half a degree, which would move the ends of such an ellipse by more
     # than half a unit.
     decimals = np.where(radii[:, 0] - radii[:, 1] > 60.0, _TILT_DECIMALS, 0)
-    tilt = np.round(tilt * 10.0**decimals) / 10.0**decimals
+    factor = np.array([1.0, 10.0])[decimals]
+    tilt = np.round(tilt * factor) / factor
     steep = (tilt <= -45) | (tilt > 45)
     radii[steep] = radii[steep, ::-1]
     tilt[steep] -= np.where(tilt[steep] > 0, 90.0, -90.0)
@@ -232,8 +234,8 @@ def arc_geometry(numbers: Floats) -> tuple[Floats, Floats]:
     Return their centres (n, 2), and their Cholesky factors l11 l21 l22 (n, 3), in user units.
     """
     (rx, ry), tilt_rad = numbers[:, :2].T, np.radians(numbers[:, 2])
-    co, si = np.cos(tilt_rad), np.sin(tilt_rad)
-    l11 = np.hypot(rx * co, ry * si)
+    co, si = portable.cos(tilt_rad), portable.sin(tilt_rad)
+    l11 = portable.hypot(rx * co, ry * si)
     factor = np.column_stack([l11, (rx * rx - ry * ry) * co * si / l11, rx * ry / l11])
     return numbers[:, 3:] + _from_start(numbers[:, :2], numbers[:, 2])[0], factor
 
@@ -267,19 +269,19 @@ def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
     implementation notes, B.2.4).
     """
     tilt_rad, radii = np.radians(tilt), np.maximum(radii, 1.0)
-    co, si = np.cos(tilt_rad), np.sin(tilt_rad)
+    co, si = portable.cos(tilt_rad), portable.sin(tilt_rad)
     onto = np.array([[co, -si], [si, co]]).transpose(2, 0, 1) * radii[:, None, :]
-    across = np.hypot(co / radii[:, 0], si / radii[:, 1])
-    down = np.hypot(si / radii[:, 0], co / radii[:, 1])
+    across = portable.hypot(co / radii[:, 0], si / radii[:, 1])
+    down = portable.hypot(si / radii[:, 0], co / radii[:, 1])
     # For a circle, `across` and `down` are equal except for rounding errors. 1e-9 is larger than
     # these errors, so all circles get the same chord.
     level = across <= down + 1e-9
     chord = np.column_stack([level, ~level]).astype(np.float64)
-    u = np.einsum("nji,nj->ni", onto / np.square(radii)[:, None, :], chord)
+    u = (onto / np.square(radii)[:, None, :] * chord[:, :, None]).sum(axis=1)
     length = np.where(level, across, down)
     height = np.sqrt(np.maximum(1 - np.square(length) / 4, 0)) / length
     center = height[:, None] * np.column_stack([-u[:, 1], u[:, 0]])
-    return chord / 2 + np.einsum("nij,nj->ni", onto, center), chord
+    return chord / 2 + (onto * center[:, None, :]).sum(axis=2), chord
 
 
 # Two ellipses count as apart if there is a line onto which their projections are apart. These are
@@ -298,9 +300,9 @@ def projections(mean: Floats, factor: Floats) -> tuple[Floats, Floats]:
     Return two arrays (12, n): the centres of the projections, and half of their lengths. The
     arguments are those of `colors_together`.
     """
-    x, y = np.cos(_DIRECTIONS)[:, None], np.sin(_DIRECTIONS)[:, None]
+    x, y = portable.cos(_DIRECTIONS)[:, None], portable.sin(_DIRECTIONS)[:, None]
     l11, l21, l22 = factor.T
-    return mean[:, 0] * x + mean[:, 1] * y, np.hypot(l11 * x + l21 * y, l22 * y)
+    return mean[:, 0] * x + mean[:, 1] * y, portable.hypot(l11 * x + l21 * y, l22 * y)
 
 
 def overlaps(
@@ -324,7 +326,9 @@ def overlaps(
     low, high = center[_ALONG_SIDES] - half[_ALONG_SIDES], center[_ALONG_SIDES] + half[_ALONG_SIDES]
     rows = np.arange(len(kind)) if rows is None else rows
     # In this order, most shapes that follow each other have similar sizes and are neighbours.
-    size = 2 ** np.ceil(np.log2(np.maximum((high - low)[:, rows].max(axis=0), 1.0)))
+    size = np.ldexp(
+        1.0, np.ceil(portable.log2(np.maximum((high - low)[:, rows].max(axis=0), 1.0))).astype(int)
+    )
     rows = rows[np.lexsort([low[0, rows], low[1, rows] // (4 * size), size])]
     # One more unit makes up for rounding errors. The exact test follows.
     least, most = low - margin - 1, high + margin + 1

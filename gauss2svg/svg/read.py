@@ -37,6 +37,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, SOFT, Area
 from gauss2svg.scene.falloff import covered_radius, cut_radius
@@ -418,10 +419,12 @@ class _Reader:
         edge, disc = maps.transpose(1, 0, 3, 2)
         rows = disc[:, :, :2]  # the linear parts (n, 2, 2) of the maps
         with np.errstate(all="ignore"):
-            extent = np.hypot(rows[:, :, 0], rows[:, :, 1])
+            extent = portable.hypot(rows[:, :, 0], rows[:, :, 1])
             unit = rows / extent[:, :, None]
             rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
-            good = np.isfinite(rho) & (np.linalg.det(maps[:, :, :2]) != 0).all(axis=1)
+            good = np.isfinite(rho)
+            for linear in (edge[:, :, :2], rows):
+                good &= read_shapes.determinants(linear) != 0
             good &= read_shapes.beyond_px(edge, disc) <= read_shapes.MOST_BEYOND_PX
         if not good.all():
             with _naming(shapes[int(good.argmin())].element):
@@ -432,7 +435,9 @@ class _Reader:
         fills = np.array([(shape.fill.beta, shape.fill.radius) for shape in shapes])
         beta, radius = fills.reshape(-1, 2).T
         plain = beta == 0
-        beta[plain] = plain_beta(np.linalg.svd(rows[plain], compute_uv=False))
+        major = read_shapes.larger_axis(rows[plain])
+        minor = np.abs(read_shapes.determinants(rows[plain])) / major
+        beta[plain] = plain_beta(np.stack([major, minor], axis=1))
         radius[plain] = covered_radius(beta[plain])
         try:
             return Scene(

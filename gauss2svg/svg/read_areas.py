@@ -7,7 +7,6 @@ user units. Write_svg writes these as whole numbers, so the sums are exact.
 
 from __future__ import annotations
 
-import cmath
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg import portable
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.scene.areas import (
     MOST_COORDINATE,
@@ -109,7 +109,7 @@ def outlines_of(data: str, onto: Affine, is_filled: bool) -> tuple[Outline, ...]
     def add(points: list[Point], curved: list[bool], closed: bool) -> None:
         if not curved:
             return
-        if closed and math.dist(points[0], points[-1]) > _SAME_POINT:
+        if closed and portable.hypot(*np.subtract(points[0], points[-1])) > _SAME_POINT:
             curved = [*curved, False]
         elif closed:
             points = points[:-1]
@@ -172,26 +172,34 @@ def _arc(start: Point, form: list[float], end: Point) -> list[Point]:
     is_held = all(abs(value) <= MOST_COORDINATE for value in (*start, *end, rx, ry))
     if not is_held or min(rx, ry) < 1 / MOST_COORDINATE:
         return [end]
-    turn, half = cmath.exp(1j * math.radians(tilt)), (complex(*start) - complex(*end)) / 2
+    turn, half = _turn(math.radians(tilt)), (complex(*start) - complex(*end)) / 2
     turned = half / turn
     # On the unit circle, whose origin is the middle of the chord here, the chord begins at `chord`.
     chord = complex(turned.real / rx, turned.imag / ry)
-    growth = max(abs(chord), 1.0)  # radii that are too small grow
+    length = float(portable.hypot(chord.real, chord.imag))
+    growth = max(length, 1.0)  # radii that are too small grow
     rx, ry, chord = rx * growth, ry * growth, chord / growth
     side = 1j if is_large == is_sweep else -1j
-    center = side * chord * math.sqrt(max(1 / abs(chord) ** 2 - 1, 0.0))
-    first, last = cmath.phase(chord - center), cmath.phase(-chord - center)
+    center = side * chord * math.sqrt(max(1 / length**2 - 1, 0.0))
+    first, last = (
+        portable.arctan2(place.imag, place.real) for place in (chord - center, -chord - center)
+    )
     angle = (last - first) % math.tau - (0 if is_sweep else math.tau)
     count = max(math.ceil(abs(angle) / (math.pi / 2) - 1e-9), 1)
     step = angle / count
-    reach, places = 4 / 3 * math.tan(step / 4) * 1j, list[complex]()
+    half = _turn(step / 4)
+    reach, places = 4 / 3 * half.imag / half.real * 1j, list[complex]()
     for k in range(count):
-        u, v = (cmath.exp(1j * (first + (k + j) * step)) for j in (0, 1))
+        u, v = (_turn(first + (k + j) * step) for j in (0, 1))
         places += [u + reach * u, v - reach * v, v]
     middle = (complex(*start) + complex(*end)) / 2
     drawn = [center + place for place in places]
     drawn = [middle + turn * complex(rx * place.real, ry * place.imag) for place in drawn]
     return [*((place.real, place.imag) for place in drawn[:-1]), end]
+
+
+def _turn(angle_rad: float) -> complex:
+    return complex(portable.cos(angle_rad), portable.sin(angle_rad))
 
 
 def _commands(data: str) -> list[tuple[str, list[float]]]:
@@ -248,7 +256,7 @@ def _polygon(outline: Outline) -> NDArray[np.float64]:
     """Return points (m, 2) along a closed outline, whose curves become straight pieces."""
     t = np.arange(_STEPS)[:, None] / _STEPS
     weights = np.concatenate([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3], axis=1)
-    points = weights @ outline.segments
+    points = (weights[..., None] * outline.segments[:, None]).sum(axis=2)
     return points[np.array(outline.curved)[:, None] | (np.arange(_STEPS) == 0)]
 
 
@@ -276,7 +284,9 @@ def _windings(polygon: NDArray[np.float64], points: NDArray[np.float64]) -> NDAr
         for part in np.array_split(points, 1 + points.size * len(polygon) // _MOST_AT_ONCE):
             across, down = part.T[:, :, None]
             crossed = (y <= down) != (v <= down)
-            parts.append((crossed & (x + (down - y) * slope > across)) @ turns)
+            parts.append(
+                np.where(crossed & (x + (down - y) * slope > across), turns, 0).sum(axis=1)
+            )
     return np.concatenate(parts)
 
 
@@ -309,7 +319,7 @@ def stroke_of(
     if not width > 0:
         raise refusal("its stroke-width", "above 0", quoted(text), "to delete it")
     a, b, c, d = onto[0] / root[0], onto[1] / root[3], onto[2] / root[0], onto[3] / root[3]
-    across, down = math.hypot(a, b), math.hypot(c, d)
+    across, down = portable.hypot(a, b), portable.hypot(c, d)
     is_even = abs(across - down) <= _TOLERANCE * down
     if not is_even or abs(a * c + b * d) > _TOLERANCE * across * down:
         advice = "to convert the stroke to a path"
@@ -355,7 +365,7 @@ def gradient_of(
         values = {**values, **shares, "gradientUnits": "userSpaceOnUse"}
     if tag == "radialGradient":
         a, b, c, d, x, y = compose(onto, disc_of(values))
-        radii = math.hypot(a, c), math.hypot(b, d)
+        radii = portable.hypot(a, c), portable.hypot(b, d)
         if abs(a * b + c * d) > _TOLERANCE * radii[0] * radii[1]:
             raise refusal("its gradient", "a circle or an upright ellipse", "another")
         return RadialGradient(**ramp, center=(x, y), radii=radii)

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ImageColor
 
+from gauss2svg import portable
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.scene import PLAIN
 from gauss2svg.scene.falloff import BETA_CLASSES
@@ -75,8 +76,8 @@ _FUNCTIONS = {
     "translate": lambda x, y=0.0: (1.0, 0.0, 0.0, 1.0, x, y),
     "scale": lambda x, y=None: (x, 0.0, 0.0, x if y is None else y, 0.0, 0.0),
     "rotate": lambda degrees, *at: _rotation(math.radians(degrees), *(at or (0.0, 0.0))),
-    "skewX": lambda degrees: (1.0, 0.0, math.tan(math.radians(degrees)), 1.0, 0.0, 0.0),
-    "skewY": lambda degrees: (1.0, math.tan(math.radians(degrees)), 0.0, 1.0, 0.0, 0.0),
+    "skewX": lambda degrees: (1.0, 0.0, _tangent(math.radians(degrees)), 1.0, 0.0, 0.0),
+    "skewY": lambda degrees: (1.0, _tangent(math.radians(degrees)), 0.0, 1.0, 0.0, 0.0),
 }
 
 
@@ -104,7 +105,7 @@ def transform_of(text: str, name: str = "transform") -> Affine:
 
 
 def _rotation(angle_rad: float, x: float, y: float) -> Affine:
-    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    cos, sin = portable.cos(angle_rad), portable.sin(angle_rad)
     return cos, sin, -sin, cos, x - cos * x + sin * y, y - sin * x - cos * y
 
 
@@ -194,12 +195,16 @@ def disc_of(gradient: Mapping[str, str]) -> Affine:
     kind = values.get("gradientUnits"), values["spreadMethod"], values["fr"]
     # The focus may be off the centre by 0.01 of the radius, because that changes the image by less
     # than one level.
-    off_center = 100 * math.hypot(fx - cx, fy - cy)
+    off_center = 100 * portable.hypot(fx - cx, fy - cy)
     if kind != ("userSpaceOnUse", "pad", "0") or not r > 0 or off_center > r:
         needed = "in user space, with its focus at the centre"
         raise refusal("its gradient", needed, "another", "to undo what changed it")
     onto = transform_of(values.get("gradientTransform", ""), "gradientTransform")
     return compose(onto, (r, 0.0, 0.0, r, cx, cy))
+
+
+def _tangent(angle_rad: float) -> float:
+    return portable.sin(angle_rad) / portable.cos(angle_rad)
 
 
 def beyond_px(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -208,17 +213,26 @@ def beyond_px(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[n
     edge  (n, 2, 3) maps of the unit circle onto the ellipses
     disc  (n, 2, 3) maps of the unit circle onto the edges of the gradients
     """
-    linear, abs_det = edge[:, :, :2], np.abs(np.linalg.det(edge[:, :, :2]))
+    linear, abs_det = edge[:, :, :2], np.abs(determinants(edge[:, :, :2]))
     # The adjugate matrix maps each ellipse onto a circle of radius abs_det. It is used because the
     # inverse may not exist.
     adjugate = linear[:, ::-1, ::-1].swapaxes(1, 2) * [[1, -1], [-1, 1]]
-    offset = np.linalg.norm(adjugate @ (disc - edge)[:, :, 2:], axis=(1, 2))
-    return (_larger_axis(adjugate @ disc[:, :, :2]) + offset - abs_det) / _larger_axis(linear)
+    vectors = disc[:, :, 0], disc[:, :, 1], (disc - edge)[:, :, 2]
+    across, down, (x, y) = ((adjugate * v[:, None]).sum(axis=2).T for v in vectors)
+    size = larger_axis(np.stack([across, down]).T)
+    return (size + portable.hypot(x, y) - abs_det) / larger_axis(linear)
 
 
-def _larger_axis(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+def determinants(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the determinants (n,) of matrices (n, 2, 2)."""
     (a, c), (b, d) = linear.transpose(1, 2, 0)
-    return 0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c))
+    return a * d - b * c
+
+
+def larger_axis(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the larger semi-axes (n,) of ellipses onto which matrices (n, 2, 2) map a circle."""
+    (a, c), (b, d) = linear.transpose(1, 2, 0)
+    return 0.5 * (portable.hypot(a + d, b - c) + portable.hypot(a - d, b + c))
 
 
 def stops_of(owner: Any, sheet: Sequence[str], in_mask: bool) -> tuple[Color, float]:
@@ -350,7 +364,9 @@ def _closed(data: str) -> Affine:
         # Each arc must be a quarter of the ellipse. To check this, the ellipse is mapped onto the
         # unit circle. There, the ends of each arc must be a quarter of a turn apart.
         with np.errstate(all="ignore"):
-            turned = (np.array(ends) - center) * np.exp(-1j * tilt_rad)
+            turned = (np.array(ends) - center) * complex(
+                portable.cos(tilt_rad), -portable.sin(tilt_rad)
+            )
             at = turned.real / rx + 1j * turned.imag / ry
             quarter = 1j if (at[1] / at[0]).imag > 0 else -1j
             errors = np.abs([np.abs(at) - 1, at / quarter ** np.arange(5) - at[0]])

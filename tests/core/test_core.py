@@ -1,22 +1,16 @@
 """Properties of the kernels: which are loaded, what they refuse, and which memory they use."""
 
 import os
-import platform
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from levels import LEVELS, PACKAGE, printed
 
-import gauss2svg
 from gauss2svg.core import Kernel
 from gauss2svg.fit.placement import components_of
-
-PACKAGE = Path(gauss2svg.__file__).parent
-IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
-LEVELS = [f"v{k}" for k in range(2, Kernel("cpu_level", "")() + 1)] if IS_X86 else []
 
 # Prints a digest of pictures, gradients, costs, steps and areas. Scenes have all forms of shapes,
 # some of them far off the canvas and thin.
@@ -70,20 +64,10 @@ print(digest.hexdigest())
 """
 
 
-def drawn(count: int, tree: Path = PACKAGE.parent, **variables: str) -> str:
-    """The digest of what the kernels of a tree draw."""
-    paths = os.pathsep.join([str(tree), *sys.path])
-    command = [sys.executable, "-P", "-c", DRAWING, str(count)]
-    env = {**os.environ, "PYTHONPATH": paths, **variables}
-    done = subprocess.run(command, env=env, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return done.stdout
-
-
 @pytest.mark.process
 @pytest.mark.skipif(len(LEVELS) < 2, reason="the CPU has one level")
 def test_all_levels_give_the_same_bits():
-    assert len({drawn(60, GAUSS2SVG_CPU=level) for level in LEVELS}) == 1
+    assert len({printed(DRAWING, 60, GAUSS2SVG_CPU=level) for level in LEVELS}) == 1
 
 
 @pytest.mark.process
@@ -123,4 +107,4 @@ def test_nothing_is_read_or_written_beside_arrays_and_nothing_is_undefined(tmp_p
     subprocess.run(build, check=True, env={**os.environ, "CC": "gcc"})
     library = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True)
     variables = {"ASAN_OPTIONS": "detect_leaks=0", "LD_PRELOAD": library.stdout.strip()}
-    drawn(100, tree, GAUSS2SVG_CPU="sanitized", **variables)
+    printed(DRAWING, 100, tree, GAUSS2SVG_CPU="sanitized", **variables)

@@ -38,8 +38,8 @@ def test_resized_fit_has_the_count_and_stays_a_good_fit(photo):
         scores.append(metrics.psnr(render(session.scene()), photo))
     before, fewer, again = scores
     assert fewer < before - 0.5
-    # 0.4 to 0.7 dB under the first fit and 3.4 to 3.6 over the smaller one, over five CPUs.
-    assert again > max(before - 1.5, fewer + 1)
+    # 0.4 dB under the first fit and 3.5 over the smaller one
+    assert again > max(before - 0.7, fewer + 3)
 
 
 def test_fit_takes_the_time_until_its_deadline_and_no_more(photo, monkeypatch):

@@ -35,8 +35,8 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate):
     assert psnr_of(result.scene, photo) > max(psnr for psnr, _ in seen) - 0.05
     usual = fit(photo, fit_config(150, 80, blend=blend))
     assert usual.rollbacks == 0
-    # At most 2.5 dB less over five CPUs; with the larger rate 4.9 to 5.2 without the guard.
-    assert psnr_of(result.scene, photo) > psnr_of(usual.scene, photo) - 4
+    # 2.5 dB less; with the larger rate 4.9 to 5.2 without the guard.
+    assert psnr_of(result.scene, photo) > psnr_of(usual.scene, photo) - 3
 
 
 def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(photo, monkeypatch):
@@ -44,7 +44,7 @@ def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(p
     report = vectorize(photo, gaussians=30, iterations=30, learning_rate=100).report
     assert report["rollbacks"] > 0
     assert any("diverged" in note and "best state" in note for note in report["notes"])
-    # Whether a usual rate diverges depends on the CPU: here every loss that rises has diverged.
+    # A usual rate does not diverge: here every loss that rises has diverged.
     monkeypatch.setattr("gauss2svg.fit.adam.DIVERGED", 1.0)
     usual = vectorize(photo, gaussians=30, iterations=30).report
     assert usual["rollbacks"] > 0

@@ -57,8 +57,8 @@ def test_target_psnr_is_met_by_the_rasterised_file_and_hardly_passed(photo):
         assert report["unreached"] == []
         passed_by.append(report["psnr_svg"] - target)
     assert min(passed_by) >= -0.05
-    # Over five CPUs one target is passed by 0.05 to 0.39 dB, the three by 0.20 to 0.33 in the mean.
-    assert np.mean(passed_by) < 0.6
+    # By 0.29 to 0.52 dB, 0.37 in the mean
+    assert np.mean(passed_by) < 0.45
 
 
 def test_a_target_out_of_reach_costs_none_of_the_closeness_within_a_limit(photo):
@@ -260,7 +260,7 @@ def test_a_target_of_ssimulacra2_is_met_by_the_rasterised_file_and_hardly_passed
         assert measured == pytest.approx(report["ssimulacra2_svg"], abs=1e-6)
         passed_by.append(measured - score)
     assert min(passed_by) >= -0.3
-    # Over three CPUs one target is passed by 0.7 to 5.4.
+    # By 0.7 to 5.4
     assert np.mean(passed_by) < 6
 
 

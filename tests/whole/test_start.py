@@ -61,18 +61,18 @@ SIDES = st.integers(1, 60)
 
 
 @given(SIDES, SIDES, st.sampled_from([0.05, 0.5, 1.0, 1.5, 2.0, 4.0]), st.booleans(), st.integers())
-def test_smoothing_is_scipys_to_the_last_bit(height, width, sigma, single, seed):
+def test_smoothing_is_scipys_but_for_the_rounding_of_weights(height, width, sigma, single, seed):
     plane = np.random.default_rng(abs(seed)).standard_normal((height, width))
     plane = plane.astype(np.float32) if single else plane
     for truncate in (3.5, 4.0):
         expected = gaussian_filter(plane, sigma, truncate=truncate)
         found = smoothed(plane, sigma, truncate)
         assert found.dtype == expected.dtype
-        assert np.array_equal(found, expected)
+        assert np.abs(found - expected).max() <= 4 * np.finfo(plane.dtype).eps * np.abs(plane).max()
 
 
 @pytest.mark.parametrize(("shape", "dtype"), [((11, 11), np.float64), ((300, 70), np.float32)])
-def test_ssim_of_a_plane_is_scikit_images_to_the_last_bit(shape, dtype):
+def test_ssim_of_a_plane_is_scikit_images(shape, dtype):
     rng = np.random.default_rng(1)
     one = rng.random(shape).astype(dtype)
     two = np.clip(one + rng.normal(0, 0.1, shape), 0, 1).astype(dtype)
@@ -81,7 +81,7 @@ def test_ssim_of_a_plane_is_scikit_images_to_the_last_bit(shape, dtype):
             one, two, data_range=1.0, use_sample_covariance=False, gaussian_weights=True, sigma=1.5,
             **{name.upper(): value for name, value in constants.items()},
         )  # fmt: skip
-        assert metrics._in_windows(one, two, **constants) == expected
+        assert metrics._in_windows(one, two, **constants) == pytest.approx(expected, rel=1e-6)
 
 
 @given(SIDES, SIDES, st.integers(1, 9), st.integers(), st.booleans())
