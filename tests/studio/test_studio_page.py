@@ -188,15 +188,15 @@ def test_a_first_choice_sets_the_controls_shows_them_and_leaves_the_others(visit
     page.locator("#option-seed").fill("7")
     for title, options in reversed(USES.values()):  # the first is chosen already
         page.locator("#uses").get_by_role("radio", name=title, exact=True).check()
-        goal = {} if {"gaussians", "max_bytes"} & options.keys() else {"quality": "balanced"}
+        goal = {} if options.keys() & {"max_bytes"} else {"quality": "balanced"}
         asked = goal | options | {"iterations": 20, "seed": 7}
         sent = run_asks(page)
         assert sent | ({"inks": int(sent["inks"])} if "inks" in sent else {}) == asked
         for name, value in options.items():
-            if name not in ("gaussians", "max_bytes"):
+            if name not in ("quality", "max_bytes"):
                 expect(page.locator(f"#set #option-{name}")).to_have_value(str(value))
                 expect(page.locator("#use-set")).to_contain_text(f"{name} {value}")
-    page.locator("#uses").get_by_role("radio", name="Plotter", exact=True).check()
+    page.locator("#uses").get_by_role("radio", name="Poster in inks", exact=True).check()
     page.locator("#set #option-inks").fill("5")
     assert run_asks(page)["inks"] == "5"
     expect(page.locator("#set #option-count_gzipped")).to_have_count(0)

@@ -94,7 +94,7 @@ export class Goal {
    */
   assign(values) {
     const kind = Object.keys(KINDS).find((one) => one in values) ?? "quality";
-    if (kind === "quality") this.preset.value = this.usual;
+    if (kind === "quality") this.preset.value = String(values.quality ?? this.usual);
     else this.values[kind] = Number(values[kind]) / KINDS[kind].per;
     for (const radio of this.kinds) radio.checked = radio.value === kind;
     this.showKind();
