@@ -63,7 +63,7 @@ def vectorize_many(
     """Vectorise many photos, and yield the record of each when it is finished.
 
     sources  folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
-    output   folder for the SVGs, a JSON file beside each, and the table gauss2svg-batch/table.csv
+    output   folder for the SVGs, and the table gauss2svg-batch/table.csv
     options  options for every photo, such as Options(goal=Goal(quality="draft"))
     batch    BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
     client   client of a Dask cluster, whose workers must have one thread each. If it is None,

@@ -170,7 +170,8 @@ def check(
     gauss2svg[scores].
 
     photo          any image that `vectorize` accepts
-    svg            a path, text that begins with <, bytes or a binary file. It may be gzipped
+    svg            a path, text that begins with <, bytes or a binary file, which may be gzipped, or
+                   a Result of `vectorize`
     reference      larger picture from which the photo was made. The SVG is enlarged and compared
                    with it too. It is an SVG, or a picture that has at least reference_scale times
                    the photo's width and height
@@ -203,6 +204,8 @@ def check(
         raise refusal("reference", "given for reference_scale", "none", advice)
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
     pixels, size = pixels_of(picture), (picture.width, picture.height)
+    if isinstance(text_of_result := getattr(svg, "svg", None), str):
+        svg = text_of_result
     data, text = read_source(svg, int(asked.max_svg_bytes))
     larger, scale = None, asked.reference_scale or REFERENCE_SCALE
     if reference is not None:
