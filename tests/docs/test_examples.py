@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import importlib
+import json
 import os
 import re
 import subprocess
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from batches import save_photo, save_photos
 from galleries import program
+from gallery_site import hastily
 from PIL import Image
 from scenes import random_scene
 
@@ -82,6 +84,16 @@ def test_the_service_answers_svgs_and_refusals(small, monkeypatch):
     assert check(small, drawn.content).psnr > 15
     assert [answer.status_code for answer in refused] == [422, 413]
     assert all(" must be " in one.text and "\n" not in one.text for one in refused)
+
+
+def test_a_tracer_of_ones_own_is_beside_ours_in_tables_and_pages(small, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with hastily():
+        importlib.import_module("tracer").main(small)
+    for name, label in (("bench/bench.json", "label"), ("site/gallery.json", "variant")):
+        rows = json.loads(Path(name).read_text())["rows"]
+        assert {row[label] for row in rows} == {"draft", "mine"}
+        assert all(row["psnr_svg"] > 10 and row["svg_bytes"] > 0 for row in rows)
 
 
 def test_a_loss_of_ones_own_ends_in_an_svg_that_steps_make_better(small, tmp_path, capsys):
