@@ -113,6 +113,9 @@ class Batch:
         self.options = instance(options, "options", Options)
         self.batch = instance(batch, "batch", BatchOptions)
         Plan(self.options).check_renderer()
+        # Marks could not tell that the code of a function has changed.
+        if callable(loss := self.options.fit.loss):
+            raise refusal("loss", "a name in a batch", quoted(loss), "vectorize for each photo")
         if isinstance(sources, (str, bytes, os.PathLike)):
             raise refusal("sources", "a sequence", quoted(sources), f"[{sources!r}]")
         names = [file_name("sources", name) for name in sources]
