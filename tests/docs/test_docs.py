@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 import gauss2svg
-from gauss2svg.cli.main import _COMMANDS, command_of, main
+from gauss2svg.cli.main import COMMANDS, command_of, main
 from gauss2svg.fit.session import STOP_REASONS
 from gauss2svg.measure import TARGETS
 
@@ -158,7 +158,7 @@ def test_tables_of_pages_are_those_of_the_code():
         assert tables["updated"](page.read_text()) == page.read_text(), "run python docs/tables.py"
     assert {f"<!-- table: {name}" in text for name in tables["TABLES"]} == {True}
     commands = set(re.findall(r"<!-- table: options (\w+)", text))
-    assert commands == {"gauss2svg", *_COMMANDS}
+    assert commands == {"gauss2svg", *COMMANDS}
 
 
 def test_every_public_name_is_in_the_reference():
