@@ -205,8 +205,9 @@ def _as_svg(data: bytes, photo: NDArray[np.float32]) -> bytes:
     with Image.open(BytesIO(data)) as image:
         kind = image.get_format_mimetype()
     size = f'width="{width}" height="{height}"'
+    root = f'<svg {NAMESPACE} {size} viewBox="0 0 {width} {height}">'
     source = f"data:{kind};base64,{base64.b64encode(data).decode()}"
-    return f'<svg xmlns="{NAMESPACE}" {size}><image {size} href="{source}"/></svg>'.encode()
+    return f'{root}<image {size} href="{source}"/></svg>'.encode()
 
 
 def _measured_image(

@@ -1,5 +1,6 @@
 """Files and numbers of other methods, and what a batch has made, as they are in reports."""
 
+import base64
 import csv
 import json
 
@@ -15,6 +16,7 @@ from gauss2svg.compare.pages import build
 from gauss2svg.compare.records import record_or_error
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
+from gauss2svg.svg.file import SVG, parse
 
 pytestmark = pytest.mark.process
 
@@ -67,6 +69,11 @@ def test_files_of_another_method_are_measured_and_again_if_they_change(
         assert blank["psnr_svg"] == pytest.approx(-10 * np.log10(error), abs=1e-4)
         assert (blank["svg_bytes"], blank["total_s"]) == (len(BLANK), 2.5 if name == "a" else None)
         assert few["psnr_svg"] == pytest.approx(reduced[name], abs=1e-4)
+        if command == "gallery":  # pages show a picture in an SVG, which they enlarge
+            root = parse((tmp_path / command / few["files"]["SVG"]).read_text())
+            assert (root.tag, root.get("viewBox")) == (f"{SVG}svg", "0 0 48 40")
+            data = (tmp_path / "pngs" / f"{name}.png").read_bytes()
+            assert root[0].get("href").endswith(base64.b64encode(data).decode())
     (tmp_path / "svgs" / "b.svg").write_text(BLANK.replace("/>", ' viewBox="0 0 1 1"/>'))
     again = reported(command, *two_photos, "--peers", "svgs=svgs,pngs=pngs", *none)
     changed = {key for key, row in again.items() if row["svg_bytes"] != rows[key]["svg_bytes"]}
