@@ -113,6 +113,9 @@ def convert_by(tool: str, settings: dict[str, Any], png: Path, output: Path) -> 
     return cost()
 
 
+BATCH = "batch"  # label of the files that a batch has made
+
+
 def rows_of(path: Path) -> list[dict[str, str]]:
     """Return the rows of a CSV. Raise InputError if it cannot be read."""
     with reading(path, "a CSV file") as file:
@@ -136,7 +139,7 @@ def photos_and_peers(
     if not (batch / TABLE).is_file():
         raise refusal("--from", "the output folder of gauss2svg batch", f"no {batch / TABLE}")
     photos = [row["input"] for row in rows_of(batch / TABLE) if not row["error"]]
-    return local_photos(sources) if sources else photos, [f"batch={batch}"]
+    return local_photos(sources) if sources else photos, [f"{BATCH}={batch}"]
 
 
 def entries_of(files: str, photos: Iterable[str]) -> Iterator[dict[str, Any]]:

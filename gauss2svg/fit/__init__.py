@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast, get_args
 
 from gauss2svg.errors import InputError, nearest, quoted, refusal
 from gauss2svg.fit import schedule
@@ -49,7 +49,7 @@ class LossFunction(Protocol):
 def check_loss(name: str, value: Any) -> LossFunction:
     """Return a function. Raise InputError for a value that cannot be called."""
     if callable(value):
-        return value
+        return cast(LossFunction, value)
     words = get_args(LossName)
     close = nearest(value, words) if isinstance(value, str) else ""
     raise refusal(name, f"one of {', '.join(words)} or a function", quoted(value), close)
