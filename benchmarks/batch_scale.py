@@ -32,7 +32,7 @@ if "gauss2svg.pool" in sys.orig_argv or "distributed.cli.dask_worker" in sys.ori
     from gauss2svg.batch import worker
     worker._write_svg = lambda spec, photo: {
         "width": 768, "height": 512, "gaussians": 5000, "psnr_svg": 32.125, "unreached": [],
-        "bytes": 0,
+        "svg_bytes": 0, "svgz_bytes": 0,
     }
 """
 _POLL_S = 0.2

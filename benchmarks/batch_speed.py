@@ -96,7 +96,7 @@ def main() -> None:
             if way.startswith("batch"):
                 workers = int(way[-1])
                 with (root / f"out{workers}" / TABLE).open(newline="") as table:
-                    spent = sum(float(row["seconds"]) for row in csv.DictReader(table))
+                    spent = sum(float(row["total_s"]) for row in csv.DictReader(table))
                 share = f"{spent / wall / workers:.1%}"
             print(f"| {way} | {count} | {wall:.1f} | {rate} | {share} |", flush=True)
         for path in photos.iterdir():

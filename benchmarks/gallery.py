@@ -1,7 +1,7 @@
 """Make a gallery of the photos that scikit-image ships, and print its medians.
 
 python benchmarks/gallery.py site                        # 21 photos, 384 px, 1404 Gaussians
-python benchmarks/gallery.py site --peers splatthis coffee astronaut chelsea
+python benchmarks/gallery.py site coffee astronaut chelsea --peers splatthis:default
 python benchmarks/gallery.py sample --sample             # two photos
 
 Size and count are those of SplatThis' own gallery, whose medians are printed for comparison. The
@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 import skimage.data
+from tracers import draw
 
 from gauss2svg import Gallery, GalleryProgress, build_gallery
 from gauss2svg.compare.pages import GalleryOptions
@@ -40,20 +41,22 @@ def main() -> int:
     )
     parser.add_argument("directory", type=Path)
     parser.add_argument("photos", nargs="*", help="names without an ending, such as coffee")
-    parser.add_argument("--peers", nargs="*", default=[])
+    parser.add_argument("--peers", nargs="*", default=[], help="styles of benchmarks/tracers.py")
     parser.add_argument("--sample", action="store_true")
     args = parser.parse_args()
     names = [name for name in FILES if not args.photos or name.partition(".")[0] in args.photos]
-    counts, options = (GAUSSIANS,), GalleryOptions(photo_size=PHOTO_PX, peer_timeout=PEER_TIMEOUT_S)
+    counts, options = (GAUSSIANS,), GalleryOptions(photo_size=PHOTO_PX)
     if args.sample:
         names, counts, options = SAMPLE_FILES, SAMPLE_COUNTS, SAMPLE
     # The package's own folder: skimage.data_dir is a download cache where pooch is installed.
     shipped = Path(skimage.data.__file__).parent
+    photos, drawings = [str(shipped / name) for name in names], Path(f"{args.directory}-tracers")
+    folders = [draw(style, photos, drawings, PEER_TIMEOUT_S, PHOTO_PX) for style in args.peers]
     gallery = build_gallery(
-        [shipped / name for name in names],
+        photos,
         args.directory,
         counts=counts,
-        peers=args.peers,
+        peers=[f"{folder.name}={folder}" for folder in folders],
         options=options,
         command=" ".join(["python", "benchmarks/gallery.py", *sys.argv[1:]]),
         progress=_print_progress,

@@ -17,7 +17,6 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "docstrings",
-    "option_tables",
     "packages",
     "sample_gallery",
 ]

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from loss import refined
 
-from gauss2svg import Scene, write_svg
+from gauss2svg import Scene, vectorize, write_svg
 from gauss2svg.render import render
 
 LAYOUTS = (
@@ -88,7 +87,7 @@ def image_gs(tensors: dict[str, np.ndarray], width: int, height: int) -> tuple[S
     return scene, np.clip(picture, 0, 1)
 
 
-def main(path: str, width: int, height: int, out: str, steps: int = 200) -> None:
+def main(path: str, width: int, height: int, out: str) -> None:
     tensors = loaded(path)
     layouts = [name.split() for name in LAYOUTS]
     if not any(tensors.keys() >= set(names) for names in layouts):
@@ -99,7 +98,8 @@ def main(path: str, width: int, height: int, out: str, steps: int = 200) -> None
         scene = gaussian_image(tensors, width, height)
     else:
         scene, picture = image_gs(tensors, width, height)
-        scene = refined(scene, torch.from_numpy(np.float32(picture)), steps)
+        picture = np.float32(picture)
+        scene = vectorize(picture, gaussians=len(scene), start=scene).scene
         error = float(np.square(render(scene) - picture).mean())
         print(f"{-10 * np.log10(error):.2f} dB to the picture of Image-GS")
     Path(out).write_text(write_svg(scene), encoding="utf-8")

@@ -14,7 +14,7 @@ def main(photos: str, out: str, workers: int | None = None) -> int:
     failed = 0
     for photo in vectorize_many([photos], out, options, batch=BatchOptions(workers=workers)):
         failed += photo.error is not None
-        print(photo.output, photo.error or f"{photo.psnr_svg:.1f} dB, {photo.bytes} bytes")
+        print(photo.output, photo.error or f"{photo.psnr_svg:.1f} dB, {photo.svg_bytes} bytes")
     return 1 if failed else 0
 
 

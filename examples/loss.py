@@ -1,74 +1,39 @@
-"""Gaussians fitted by a loss of your own: python examples/loss.py PHOTO OUT.svg. It needs torch."""
+"""A fit by a loss of your own beside the usual one: python examples/loss.py PHOTO OUT.svg.
+
+It needs torch.
+"""
 
 import sys
-from pathlib import Path
 
-import numpy as np
 import torch
+from torch.nn.functional import conv2d
 
-from gauss2svg import Scene, check, write_svg
-from gauss2svg.photo.load import load_image
-from gauss2svg.render.autograd import fast_composite
+from gauss2svg import FitOptions, vectorize
+from gauss2svg.render.autograd import torch_loss
 
-# Found best, one by one, on small photos by L1 and squared error: of the mean in shares of the mean
-# distance of Gaussians, of the others by what may be any number (logarithm, atanh, logits).
-RATES = {"mean": 0.1, "sigma": 0.14, "rho": 0.14, "color": 0.1, "opacity": 0.4}
-BETAS = 0.8, 0.95  # decays of Adam's moments
+ALONG = torch.tensor([[1.0, 0.0, -1.0], [2.0, 0.0, -2.0], [1.0, 0.0, -1.0]]) / 8
+SOBEL = torch.stack([ALONG, ALONG.T])[:, None]
+EDGES = 1.0  # weight of the squared error of edges beside that of colours
+
+
+def edges(image: torch.Tensor) -> torch.Tensor:
+    """Return the slopes (3, 2, h - 2, w - 2) of a picture (h, w, 3) along x and y."""
+    return conv2d(image.movedim(-1, 0)[:, None], SOBEL)
 
 
 def loss_of(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     """Return the loss of two pictures (h, w, 3) in 0..1; put yours here."""
-    return (image - target).abs().mean()
+    slopes = (edges(image) - edges(target)).square().mean()
+    return (image - target).square().mean() + EDGES * slopes
 
 
-def scattered(target: torch.Tensor, n: int) -> Scene:
-    """Round Gaussians at random, each of the colour that is under it."""
-    height, width, _ = target.shape
-    mean = torch.rand(n, 2).numpy() * [width, height]
-    x, y = mean.astype(int).T
-    sigma, half = np.full((n, 2), 0.5 * (width * height / n) ** 0.5), np.full(n, 0.5)
-    background = target.numpy().mean((0, 1))
-    return Scene(width, height, mean, sigma, np.zeros(n), target.numpy()[y, x], half, background)
-
-
-def refined(scene: Scene, target: torch.Tensor, steps: int) -> Scene:
-    """Return a scene after some steps towards the least loss; the last 40 % get ever smaller."""
-    height, width, _ = target.shape
-    mean, sigma, rho, color, opacity, background = (
-        torch.tensor(getattr(scene, name), dtype=torch.float32)
-        for name in ("mean", "sigma", "rho", "color", "opacity", "background")
-    )
-    rho = rho.clamp(-0.999, 0.999).atanh()
-    raw = mean, sigma.log(), rho, color.logit(1e-3), opacity.logit(1e-3)
-    groups = [
-        {"params": [tensor.requires_grad_()], "lr": rate}
-        for tensor, rate in zip(raw, RATES.values(), strict=True)
-    ]
-    groups[0]["lr"] *= (width * height / len(scene)) ** 0.5
-    optimizer = torch.optim.Adam(groups, betas=BETAS)
-    smaller = torch.optim.lr_scheduler.LambdaLR(
-        optimizer, lambda step: 0.5 + 0.5 * np.cos(np.pi * max(0, step / max(1, steps) - 0.6) / 0.4)
-    )
-
-    def shapes():
-        mean, sigma, rho, color, opacity = raw
-        return mean, sigma.exp(), 0.9999 * rho.tanh(), color.sigmoid(), opacity.sigmoid()
-
-    for _ in range(steps):
-        loss = loss_of(fast_composite(*shapes(), background, height, width), target)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        smaller.step()
-    mean, sigma, rho, color, opacity = (tensor.detach().numpy() for tensor in shapes())
-    return Scene(width, height, mean, sigma, rho, color, opacity, scene.background)
-
-
-def main(photo: str, out: str, n: int = 200, steps: int = 100) -> None:
-    target = torch.from_numpy(load_image(photo).pixels)
-    scene = refined(scattered(target, n), target, steps)
-    Path(out).write_text(write_svg(scene), encoding="utf-8")
-    print(f"{check(photo, out).psnr:.2f} dB")
+def main(photo: str, out: str, gaussians: int = 1000, iterations: int = 200) -> None:
+    for loss in ("weighted", torch_loss(loss_of)):
+        options = FitOptions(loss=loss, iterations=iterations)
+        result = vectorize(photo, gaussians=gaussians, fit=options)
+        count, name = result.report["gaussians"], result.report["loss"]
+        print(f"{name}: {result.report['psnr_svg']:.2f} dB by {count} Gaussians")
+    result.save(out)
 
 
 if __name__ == "__main__":

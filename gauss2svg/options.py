@@ -196,7 +196,7 @@ def texts_of(group: type[OptionGroup]) -> dict[str, str]:
 
 def flag_of(name: str) -> str:
     """Return the name of an option on the command line."""
-    return f"--{name.replace('_', '-')}"
+    return f"--{name.rstrip('_').replace('_', '-')}"
 
 
 def field_of(name: str, hint: Any, default: Any = None) -> Field:

@@ -63,7 +63,7 @@ def vectorize_many(
     """Vectorise many photos, and yield the record of each when it is finished.
 
     sources  folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
-    output   folder for the SVGs, a JSON file beside each, and the table gauss2svg-batch/table.csv
+    output   folder for the SVGs, and the table gauss2svg-batch/table.csv
     options  options for every photo, such as Options(goal=Goal(quality="draft"))
     batch    BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
     client   client of a Dask cluster, whose workers must have one thread each. If it is None,
@@ -113,6 +113,9 @@ class Batch:
         self.options = instance(options, "options", Options)
         self.batch = instance(batch, "batch", BatchOptions)
         Plan(self.options).check_renderer()
+        # Marks could not tell that the code of a function has changed.
+        if callable(loss := self.options.fit.loss):
+            raise refusal("loss", "a name in a batch", quoted(loss), "vectorize for each photo")
         if isinstance(sources, (str, bytes, os.PathLike)):
             raise refusal("sources", "a sequence", quoted(sources), f"[{sources!r}]")
         names = [file_name("sources", name) for name in sources]

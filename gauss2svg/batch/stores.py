@@ -13,7 +13,7 @@ from typing import Any
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, refusal
 from gauss2svg.files import check_writable, make_folder, reason_of, replace, write_whole
 
-# Folder in the output folder, for the table, the options and the unfinished files.
+# Folder in the output folder, for the table, the options, the marks and the unfinished files.
 STATE = "gauss2svg-batch"
 PARTS = f"{STATE}/parts"  # folder of the unfinished files
 PATH_SEPARATOR = re.compile(r"[/\\]" if os.sep == "\\" else "/")

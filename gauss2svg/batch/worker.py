@@ -1,7 +1,7 @@
 """Vectorise a photo of a batch: write its SVG with the usual pipeline, and then its mark.
 
-The mark is a JSON file beside the SVG. It contains the record of the photo. A later run skips the
-photo if its mark shows that the SVG would be the same again.
+The mark is a JSON file in the folder MARKS. It contains the record of the photo. A later run skips
+the photo if its mark shows that the SVG would be the same again.
 """
 
 from __future__ import annotations
@@ -20,18 +20,17 @@ from functools import cache, partial
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
-from gauss2svg.batch.stores import file_system_of, is_url, write
+from gauss2svg.batch.stores import STATE, file_system_of, is_url, write
 from gauss2svg.errors import ClusterError, Gauss2SvgError, OutputError, error_line, refusal
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
-# The name of a mark is the name of its SVG, followed by this suffix.
-MARK = ".gauss2svg.json"
+MARKS = f"{STATE}/marks"  # folder of the marks in the output folder
 _REPORT_KEYS = {
     "width", "height", "gaussians", "area_count", "line_count", "node_count", "psnr_svg",
-    "ssim_svg", "ssimulacra2_svg", "flip_svg", "paint_ms", "stop_reason",
+    "ssim_svg", "ssimulacra2_svg", "flip_svg", "paint_ms", "stop_reason", "svg_bytes", "svgz_bytes",
 }  # fmt: skip
 # Error numbers (errno) of a write that fails because of the file's name. The batch goes on after
 # such an error, because files with other names can still be written.
@@ -46,9 +45,10 @@ class PhotoRecord(NamedTuple):
     options               hash of the version and the options: BatchSpec.identity
     stamp                 size and date of the photo, or its version in a store. "" after an error
     width, height         size of the photo in px
-    gaussians, bytes      number of Gaussians and bytes of the SVG
+    gaussians             number of Gaussians
     psnr_svg              PSNR of the SVG in dB, or None if it is infinite
-    seconds, cpu_seconds  seconds that the photo took, and CPU seconds of its worker in that time
+    svg_bytes, svgz_bytes  bytes of the SVG, plain and gzipped
+    total_s, cpu_s        seconds that the photo took, and CPU seconds of its worker in that time
     error                 reason why there is no SVG, on one line. None if the SVG was written
     unreached             a line for each target that was missed, such as a PSNR
     ssim_svg              SSIM of the SVG, -1..1
@@ -68,14 +68,15 @@ class PhotoRecord(NamedTuple):
     height: int | None = None
     gaussians: int | None = None
     psnr_svg: float | None = None
-    bytes: int | None = None
-    seconds: float | None = None
+    svg_bytes: int | None = None
+    svgz_bytes: int | None = None
+    total_s: float | None = None
+    cpu_s: float | None = None
     error: str | None = None
     unreached: Sequence[str] = ()
     ssim_svg: float | None = None
     paint_ms: float | None = None
     stop_reason: str | None = None
-    cpu_seconds: float | None = None
     error_code: str | None = None
     skipped: bool = False
     ssimulacra2_svg: float | None = None
@@ -86,6 +87,11 @@ class PhotoRecord(NamedTuple):
 
 
 Photo = tuple[str, str]  # path or URL of a photo, and the name of its output
+
+
+def mark_of(output: str) -> str:
+    """Return the name of the mark of an SVG, relative to the output folder."""
+    return f"{MARKS}/{output}.json"
 
 
 @cache
@@ -131,13 +137,15 @@ def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
     # The block raises an error if there is no mark, or if a file has the name of a mark but was not
     # written by a batch. In both cases the photo must be vectorised.
     with suppress(Gauss2SvgError), file_system_of(f"{spec.root}/{photo[1]}") as (fs, path):
-        mark = json.loads(fs.cat_file(path + MARK))
+        with file_system_of(f"{spec.root}/{mark_of(photo[1])}") as (_, mark_path):
+            mark = json.loads(fs.cat_file(mark_path))
         # If a worker dies, its job is run again. So the mark may have been written in this run,
         # before the worker died. In this case the photo counts as done and not as skipped.
         is_old = mark.pop("run") != spec.run
         record = PhotoRecord(**mark)
         expected = (*photo, spec.identity, stamp_of(photo[0]))
-        if record[:4] == expected and record.bytes == fs.size(path):
+        size = record.svgz_bytes if spec.options.svg.gzip else record.svg_bytes
+        if record[:4] == expected and size == fs.size(path):
             return record._replace(skipped=is_old)
     return None
 
@@ -167,11 +175,11 @@ def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
         stamp = stamp_of(photo[0])
         record = PhotoRecord(
             *photo, spec.identity, stamp, **_write_svg(spec, photo),
-            seconds=round(time.perf_counter() - begun, 3),
-            cpu_seconds=round(time.process_time() - cpu_begun, 3),
+            total_s=round(time.perf_counter() - begun, 3),
+            cpu_s=round(time.process_time() - cpu_begun, 3),
         )  # fmt: skip
         mark = json.dumps({"run": spec.run, **record._asdict()})
-        write(spec.root, photo[1] + MARK, mark.encode(), sync=False)
+        write(spec.root, mark_of(photo[1]), mark.encode(), sync=False)
         return record
     except Exception as error:  # a bug here or in a library must not stop the other photos
         cause = error.__cause__
@@ -200,13 +208,14 @@ def _write_svg(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
             image = fs.cat_file(path)
     result = vectorize_by(options, image, may_reduce=spec.may_reduce)
     data = file_bytes(result.svg, options.svg.gzip)
-    with file_system_of(target) as (fs, path):
+    mark_url = f"{spec.root}/{mark_of(output)}"
+    with file_system_of(target) as (fs, path), file_system_of(mark_url) as (_, mark):
         # An SVG without a mark may be the user's own file, so it is not overwritten. But if its
         # content equals the new SVG, it is from a run that was killed after it wrote the SVG and
         # before it wrote the mark.
-        may_write = fs.exists(path + MARK) or not fs.exists(path) or fs.cat_file(path) == data
+        may_write = fs.exists(mark) or not fs.exists(path) or fs.cat_file(path) == data
     if not may_write:
         raise refusal("output", "a new file, or one of a batch", target, "another folder")
     write(spec.root, output, data)
     entries = {name: result.report[name] for name in _REPORT_KEYS}
-    return entries | {"bytes": len(data), "unreached": result.report["unreached"]}
+    return entries | {"unreached": result.report["unreached"]}

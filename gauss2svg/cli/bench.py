@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from gauss2svg.batch.inputs import local_photos
 from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.compare import BenchOptions
@@ -23,7 +22,7 @@ USAGE = "PHOTOS -o OUT [OPTIONS]"
 class BenchCommand(OptionGroup):
     """Arguments of the command alone."""
 
-    photos: list[str]
+    photos: tuple[str, ...] = ()
     """Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for standard
     input)."""
 
@@ -39,10 +38,15 @@ class BenchCommand(OptionGroup):
     by semicolons: "inks=6;#f7c306,#17324d"."""
 
     peers: str = ""
-    """Other tools to measure if they are installed, separated by commas: vtracer, splatthis,
-    primitive, swag, neroued, jpeg, webp, avif, and vtracer1, which is 1.0 in the Python that the
-    variable GAUSS2SVG_VTRACER1 names. One setting of a tool follows a colon, such as jpeg:30. Their
-    SVGs are rasterised by resvg."""
+    """Other tools to measure if they are installed, separated by commas: vtracer, jpeg, webp, avif.
+    One setting of a tool follows a colon, such as jpeg:30. LABEL=FOLDER is any other method: its
+    SVGs or pictures by the names of the photos, and if there is a table.csv in the folder, its
+    seconds. LABEL=TABLE.csv has published numbers, by the names of the report. SVGs are rasterised
+    by resvg."""
+
+    from_: Annotated[Path | None, file_path] = None
+    """Output folder of gauss2svg batch. Its SVGs are measured as they are, without another fit.
+    Without --axis nothing else is."""
 
     quiet: bool = False
     """Show neither progress nor summary."""
@@ -53,13 +57,15 @@ SECTIONS = {"Parameters": BenchCommand, "Benchmark": BenchOptions}
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
+    from gauss2svg.compare.peers import photos_and_peers
     from gauss2svg.compare.table import run_bench
     from gauss2svg.compare.variants import parse_axes, peer_variants
     from gauss2svg.measure import packages_missing
 
     command = BenchCommand.of(given)
     check_folder(command.output)
-    names, axes = words(command.peers), parse_axes(command.axis)
+    photos, made = photos_and_peers(command.photos, command.from_, "bench")
+    names, axes = [*made, *words(command.peers)], parse_axes(command.axis)
     if absent := peer_variants(names)[1]:
         say(f"skipped, not installed: {', '.join(absent)}")
     for line in packages_missing():
@@ -73,9 +79,9 @@ def run(given: dict[str, Any]) -> int:
             update("; ".join(state.now), state.done, state.total)
 
         rows = run_bench(
-            local_photos(command.photos),
+            photos,
             command.output,
-            axes=axes or None,
+            axes=axes or ({} if made else None),
             peers=names,
             options=BenchOptions.of(given),
             progress=progress,

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from gauss2svg.batch.inputs import local_photos
 from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.compare.pages import GalleryOptions
@@ -23,7 +22,7 @@ _COUNT = Field("each of --counts", int, 0, MOST_GAUSSIANS, advice="500,2000")
 class GalleryCommand(OptionGroup):
     """Arguments of the command alone."""
 
-    photos: list[str]
+    photos: tuple[str, ...] = ()
     """Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for standard
     input)."""
 
@@ -43,9 +42,15 @@ class GalleryCommand(OptionGroup):
     few: areas=auto,never. Several axes give all combinations."""
 
     peers: str = ""
-    """Other tools to compare if they are installed, separated by commas: vtracer, splatthis,
-    primitive, swag, neroued, and vtracer1, which is vtracer 1.0, run by the Python that the
-    variable GAUSS2SVG_VTRACER1 names. Other settings follow a colon, such as vtracer:detailed."""
+    """Other tools to compare if they are installed, separated by commas: vtracer, jpeg, webp, avif.
+    Another setting follows a colon, such as vtracer:detailed. LABEL=FOLDER is any other method: its
+    SVGs or pictures by the names of the photos, and if there is a table.csv in the folder, its
+    seconds."""
+
+    from_: Annotated[Path | None, file_path] = None
+    """Output folder of gauss2svg batch. Its SVGs are shown as they are, without another
+    fit. Without --variants, --counts
+    and --axis nothing else is."""
 
     quiet: bool = False
     """Show neither progress nor summary."""
@@ -57,12 +62,15 @@ SECTIONS = {"Parameters": GalleryCommand, "Gallery": GalleryOptions}
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
     from gauss2svg.compare.pages.build import build_gallery
+    from gauss2svg.compare.peers import photos_and_peers
     from gauss2svg.compare.variants import parse_axes
     from gauss2svg.measure import packages_missing
 
     command = GalleryCommand.of(given)
     check_folder(command.output)
-    paths, counts, output = local_photos(command.photos), command.counts, command.output
+    paths, made = photos_and_peers(command.photos, command.from_, "gallery")
+    counts, output = command.counts, command.output
+    variants = "" if made and command.variants is None else command.variants
     for source in command.photos:
         if output.resolve().is_relative_to(Path(source).resolve()):
             got = f"{output}, which is in {source}"
@@ -71,9 +79,9 @@ def run(given: dict[str, Any]) -> int:
         gallery = build_gallery(
             paths,
             output,
-            variants=None if command.variants is None else words(command.variants),
+            variants=None if variants is None else words(variants),
             counts=None if counts is None else [_COUNT.parsed(word) for word in words(counts)],
-            peers=words(command.peers),
+            peers=[*made, *words(command.peers)],
             axes=parse_axes(command.axis),
             options=GalleryOptions.of(given),
             command=command_line(["gauss2svg", *sys.argv[1:]]),

@@ -39,7 +39,7 @@ _PACKAGES = (
     "ssimulacra2", "flip-evaluator",
 )  # fmt: skip
 _HELP_ALL = "--help-all"
-_COMMANDS = {
+COMMANDS = {
     "batch": "Vectorise many photos, on one machine or a cluster.",
     "bench": "Compare settings and other tools in tables and plots.",
     "check": "Measure how closely any SVG matches a photo.",
@@ -56,23 +56,23 @@ def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
     """
     if words and words[0] in ("help", "version"):
         words = [*words[1:], f"--{words[0]}"]
-    name = words[0] if words and words[0] in _COMMANDS else ""
+    name = words[0] if words and words[0] in COMMANDS else ""
     if words and not name and words[0].isalpha() and not os.path.lexists(words[0]):
-        close = nearest(words[0], _COMMANDS) or "PHOTO -o OUT.svg, or gauss2svg --help"
+        close = nearest(words[0], COMMANDS) or "PHOTO -o OUT.svg, or gauss2svg --help"
         raise refusal(words[0], "a photo or a command", "neither", f"gauss2svg {close}")
     # The modules of commands are imported only when they run.
     module = import_module(f"gauss2svg.cli.{name or 'vectorize'}")
     parser = Parser(
         name,
         module.USAGE,
-        _COMMANDS[name] if name else module.ABOUT,
+        COMMANDS[name] if name else module.ABOUT,
         has_help=not {"--help", "-h", _HELP_ALL}.isdisjoint(words),
     )
     for title, group in module.SECTIONS.items():
         shown = bool(name) or _HELP_ALL in words or title in module.COMMON
         parser.add_group(title, group, shown)
     if not name:
-        lines = "\n".join(f"{command:13}{line}" for command, line in _COMMANDS.items())
+        lines = "\n".join(f"{command:13}{line}" for command, line in COMMANDS.items())
         parser.add_argument_group("Commands, each with its own --help", lines)
     about = parser.add_argument_group("About")
     about.add_argument("-h", "--help", action="store_true", help="Show this help.")
@@ -137,7 +137,7 @@ def run() -> None:
     # Python searches for garbage each time that it has made 700 more objects. Imports make more
     # than a hundred thousand objects, nearly all of which are kept. Commands for many photos or
     # requests make more garbage, so they keep the usual search.
-    if _COMMANDS.keys().isdisjoint(sys.argv[1:2]):
+    if COMMANDS.keys().isdisjoint(sys.argv[1:2]):
         gc.set_threshold(1_000_000)
     status = main()
     ignore_signals()

@@ -190,7 +190,7 @@ def _properties(field: Field) -> dict[str, Any]:
         on_by_default = argparse.BooleanOptionalAction
         return {"action": on_by_default if field.default is True else "store_true"}
     action = "append" if field.default == () else "store"
-    return {"action": action, "metavar": _metavar(field)}
+    return {"action": action, "metavar": _metavar(field), "dest": field.name}
 
 
 def _metavar(field: Field) -> str:

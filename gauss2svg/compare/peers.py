@@ -1,27 +1,28 @@
 """Peers: other tools that turn a photo into a small file, for the benchmark and galleries.
 
-The package of a peer is imported only in the process that runs the peer. If a peer is a program,
-its measured time includes the time that the program takes to start.
+The package of a peer is imported only in the process that runs the peer. The files of any other
+method are in a folder, with a CSV of what they cost. A CSV alone has numbers without files.
 """
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import io
-import json
 import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from gauss2svg.batch.inputs import local_photos
+from gauss2svg.batch.table import TABLE
 from gauss2svg.compare.records import start_watch
-from gauss2svg.errors import PeerError, quoted
-from gauss2svg.files import reason_of
-from gauss2svg.processes import end_of, run
+from gauss2svg.errors import refusal
+from gauss2svg.files import reading, text_of
+from gauss2svg.photo import SUFFIXES
 
 Conversion = Callable[[], object]
 
@@ -33,25 +34,12 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _output(command: list[str]) -> str:
-    """Run a program, and return its standard output. Raise PeerError if it fails."""
-    try:
-        ended = run(command)
-    except OSError as error:
-        raise PeerError(f"cannot run {command[0]}: {reason_of(error)}") from error
-    if ended.status:
-        complaint = ended.complaint or "no message"
-        raise PeerError(f"{Path(command[0]).name} {end_of(ended.status)}: {complaint}")
-    return ended.output.decode(errors="replace")
-
-
 class Peer(NamedTuple):
     """A tool other than gauss2svg.
 
     prepare   function that imports the tool, reads the PNG, and returns a second function, which
               writes the file. Only the time of the second function is measured.
-    suffix    suffix of the file. An .svg file is rasterised to compute its scores. Any other file
-              is read as an image.
+    suffix    suffix of the file
     settings  each item has keyword arguments of `prepare`. By default the benchmark runs the tool
               with every item, and a gallery runs it with the first.
     version   function that returns the installed version, or None if the tool is not installed
@@ -70,45 +58,6 @@ def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Conversion:
     return lambda: vtracer.convert_image_to_svg_py(*paths, **_VTRACER[style] | changes)
 
 
-# Environment variable with the path of a second Python, in which vtracer 1.0 is installed. A second
-# Python is needed, because vtracer 0.6 and vtracer 1.0 cannot be installed in the same one.
-VTRACER1 = "GAUSS2SVG_VTRACER1"
-_VTRACER1_STYLES: dict[str, dict[str, Any]] = {
-    "default": {},
-    "polygon": {"mode": "polygon", "optimize": 2, "path_precision": 0},
-    "detailed": {"filter_speckle": 1, "color_precision": 8, "layer_difference": 4},
-    "watershed": {
-        "clustering": "watershed", "watershed_detail": 512, "optimize": 2, "path_precision": 1,
-    },
-}  # fmt: skip
-_ISOLATED = "-I"  # option with which the other Python ignores PYTHONPATH
-_SAY_VERSION = (
-    "import importlib.metadata, vtracer\n"
-    "vtracer.Config; print(importlib.metadata.version('vtracer'))"
-)
-_CONVERT = (
-    "import json, sys, vtracer\n"
-    "vtracer.Config(**json.loads(sys.argv[3])).convert_file(sys.argv[1], sys.argv[2])"
-)
-
-
-def _vtracer1_version() -> str | None:
-    if not (python := os.environ.get(VTRACER1)):
-        return None
-    try:
-        return _output([python, _ISOLATED, "-c", _SAY_VERSION]).strip()
-    except PeerError as error:
-        raise PeerError(
-            f"{VTRACER1} must be a Python that has vtracer 1.0; got {quoted(python)}, {error}. "
-            "Try to install vtracer==1.0.0a4 in an environment of its own"
-        ) from error
-
-
-def _vtracer1(png: Path, output: Path, style: str) -> Conversion:
-    words = [str(png), str(output), json.dumps(_VTRACER1_STYLES[style])]
-    return partial(_output, [os.environ[VTRACER1], _ISOLATED, "-c", _CONVERT, *words])
-
-
 _VTRACER: dict[str, dict[str, Any]] = {
     "default": {},
     "polygon": {
@@ -116,76 +65,6 @@ _VTRACER: dict[str, dict[str, Any]] = {
     },
     "detailed": {"filter_speckle": 1, "color_precision": 8, "layer_difference": 4},
 }  # fmt: skip
-
-
-def _splatthis(png: Path, output: Path, style: str) -> Conversion:
-    from PIL import Image
-    from splatthis import SplatConverter  # pyright: ignore[reportMissingImports]
-
-    options = dict(_SPLATTHIS[style])
-    if side := options.pop("side", None):
-        with Image.open(png) as image:
-            image.thumbnail((side, side))
-        options["target_size"] = image.size
-    converter = SplatConverter(device="cpu", seed=0, **options)
-    return lambda: converter.convert(str(png), str(output), output_format="svg")
-
-
-_SPLATTHIS: dict[str, dict[str, Any]] = {
-    # This setting has the same values as the defaults of splatthis's command line.
-    "default": {
-        "max_splats": 2000, "stages": [200, 150, 100, 50], "quality_profile": "max-fidelity",
-    },
-    # With this setting, the image is reduced until its longest side is `side` px, because splatthis
-    # would take too long for a larger one. It took 125 CPU seconds for an image of 160 px.
-    "fast": {"max_splats": 500, "stages": [60, 40], "quality_profile": "fast", "side": 128},
-}  # fmt: skip
-
-
-def _primitive_version() -> str | None:
-    """Return the first digits of a hash of the program, because it does not report its version."""
-    path = shutil.which("primitive")
-    return path and hashlib.sha256(Path(path).read_bytes()).hexdigest()[:8]
-
-
-def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
-    from PIL import Image
-
-    with Image.open(png) as image:
-        side = max(image.size)
-    # Mode 7 draws rotated ellipses. Without -s the output is scaled to 1024 px.
-    numbers = ["-n", str(shapes), "-m", "7", "-s", str(side)]
-    return partial(_output, ["primitive", "-i", str(png), "-o", str(output), *numbers])
-
-
-def _swag_version() -> str | None:
-    if not shutil.which("swag"):
-        return None
-    return _output(["swag", "--version"]).strip().rpartition(" ")[2]
-
-
-def _swag(png: Path, output: Path, quality: str) -> Conversion:
-    def convert() -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            words = ["--quality", quality, "--max-edge", "0", "--background", "keep"]
-            words += ["--workers", "1", "--no-measure", "--quiet"]
-            _output(["swag", str(png), "--out", folder, *words])
-            # The program may be another one that is also called swag. It then leaves no SVG in this
-            # folder, so the loop does not write `output`, and the run counts as failed.
-            for drawing in Path(folder).glob("*.svg"):
-                shutil.move(drawing, output)
-
-    return convert
-
-
-def _neroued(png: Path, output: Path, pipeline: str) -> Conversion:
-    import neroued_vectorizer as tracer  # pyright: ignore[reportMissingImports]
-
-    config = tracer.VectorizerConfig()
-    config.pipeline_mode = getattr(tracer.PipelineMode, pipeline)
-    return lambda: output.write_text(
-        tracer.vectorize(str(png), config).svg_content, encoding="utf-8"
-    )
 
 
 def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Conversion:
@@ -214,15 +93,6 @@ _QUALITIES = _settings("quality", (10, 30, 60, 90))
 
 PEERS: dict[str, Peer] = {
     "vtracer": Peer(_vtracer, ".svg", _settings("style", _VTRACER), partial(_version, "vtracer")),
-    "splatthis": Peer(
-        _splatthis, ".svg", _settings("style", _SPLATTHIS), partial(_version, "splatthis")
-    ),
-    "primitive": Peer(_primitive, ".svg", _settings("shapes", (100, 500)), _primitive_version),
-    "vtracer1": Peer(_vtracer1, ".svg", _settings("style", _VTRACER1_STYLES), _vtracer1_version),
-    "swag": Peer(_swag, ".svg", _settings("quality", ("fast", "balanced")), _swag_version),
-    "neroued": Peer(
-        _neroued, ".svg", _settings("pipeline", ("V2",)), partial(_version, "neroued-vectorizer")
-    ),
     "jpeg": Peer(partial(_pillow, "JPEG"), ".jpg", _QUALITIES),
     "webp": Peer(partial(_pillow, "WEBP"), ".webp", _QUALITIES),
     "avif": Peer(partial(_pillow, "AVIF"), ".avif", _QUALITIES, _avif_version),
@@ -241,3 +111,72 @@ def convert_by(tool: str, settings: dict[str, Any], png: Path, output: Path) -> 
     cost = start_watch()
     convert()
     return cost()
+
+
+BATCH = "batch"  # label of the files that a batch has made
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV. Raise InputError if it cannot be read."""
+    with reading(path, "a CSV file") as file:
+        text = text_of(file.read(), str(path))
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def photos_and_peers(
+    sources: Sequence[str], batch: Path | None, command: str
+) -> tuple[list[str], list[str]]:
+    """Return the photos of a comparison, and the peers that a batch adds.
+
+    sources  photos, folders, patterns and lists. If there are none, the photos are those of `batch`
+    batch    output folder of gauss2svg batch, or None
+    command  name of the command, for the error if there are no photos
+    """
+    if batch is None:
+        if not sources:
+            raise refusal("PHOTOS", "given", "none", f"gauss2svg {command} --help")
+        return local_photos(sources), []
+    if not (batch / TABLE).is_file():
+        raise refusal("--from", "the output folder of gauss2svg batch", f"no {batch / TABLE}")
+    photos = [row["input"] for row in rows_of(batch / TABLE) if not row["error"]]
+    return local_photos(sources) if sources else photos, [f"{BATCH}={batch}"]
+
+
+def entries_of(files: str, photos: Iterable[str]) -> Iterator[dict[str, Any]]:
+    """Yield what a method has of each photo: its file, the SHA-256 of that, and its numbers.
+
+    files  folder of SVGs and pictures with the names of the photos, or a CSV. The folder may have a
+           table.csv, or that of a batch. The column `photo` or `input` of a CSV has the name of the
+           photo, and `output` that of the file. If there is neither, the only row holds for all.
+
+    The file is None if the folder has none, and "" for a CSV. Numbers are those of a report, by its
+    names.
+    """
+    folder, is_table = Path(files), Path(files).is_file()
+    tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
+    rows = [row for path in tables if path.is_file() for row in rows_of(path)]
+    named = {row.get("photo") or row.get("input") or "": row for row in rows}
+    by_stem = {Path(name).stem: row for name, row in named.items()}
+    pictures = {} if is_table else {
+        path.stem: path for path in sorted(folder.iterdir())
+        if path.name.lower().endswith((*SUFFIXES, ".svg", ".svgz"))
+    }  # fmt: skip
+    for photo in photos:
+        stem = Path(photo).stem
+        row = named.get(photo) or by_stem.get(stem) or named.get("") or {}
+        path = folder / row["output"] if row.get("output") else pictures.get(stem)
+        data = path.read_bytes() if path and path.is_file() else None
+        yield {
+            "file": "" if is_table and row else data and str(path),
+            "digest": data and hashlib.sha256(data).hexdigest(),
+            "numbers": numbers_of(row),
+        }
+
+
+def numbers_of(row: Mapping[str, str]) -> dict[str, float]:
+    """Return the cells of a row that are numbers."""
+    numbers = {}
+    for name, cell in row.items():
+        with suppress(ValueError, TypeError):
+            numbers[name] = int(cell) if cell.isdecimal() else float(cell)
+    return numbers

@@ -8,16 +8,19 @@ memory can be measured.
 
 from __future__ import annotations
 
+import base64
 import tempfile
 from collections.abc import Callable, Mapping
+from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.compare.peers import PEERS, convert_by
+from gauss2svg.compare.peers import BATCH, PEERS, convert_by
 from gauss2svg.compare.records import TOOL, record_or_error, start_watch
 from gauss2svg.compare.variants import AXES, apply_constants, options_in
 from gauss2svg.errors import PeerError, RendererError
@@ -33,7 +36,8 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
 from gauss2svg.pool import Pool
 from gauss2svg.processes import held_bytes
-from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg import NAMESPACE
+from gauss2svg.svg.file import MOST_BYTES, file_bytes, is_own, read_source
 
 Request = Mapping[str, Any]
 # {key of a report: what it counts}
@@ -50,6 +54,8 @@ _FILE_KEYS = (
     "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
     "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
 )  # fmt: skip
+_COSTS = ("total_s", "cpu_s", "other_cpu_s", "peak_bytes")  # items of records.start_watch
+_SVGS = (".svg", ".svgz")
 # Names of the files of a gallery.
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
 PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
@@ -86,7 +92,8 @@ def run(request: Request) -> Run:
 
     request  has the keys source (path of the photo), tool, settings, options (further options of
              `vectorize`, among them max_pixels) and peer_timeout (s). If the photo has a reference,
-             the request also has the key reference (path and scale of the reference).
+             the request also has the key reference (path and scale of the reference). If another
+             method has made the file, it has the keys file (path) and numbers of peers.entries_of.
     Raise Gauss2SvgError if no file is made, or if the file cannot be measured.
     """
     return _by_gauss2svg(request) if request["tool"] == TOOL else _by_peer(request)
@@ -104,8 +111,12 @@ def measure_alone(request: Request) -> dict[str, Any]:
 
 def measure_run(request: Request) -> dict[str, Any]:
     """Return the benchmark's record of a run that is made in this process."""
-    finished, is_own = run(request), request["tool"] == TOOL
-    names = _FILE_KEYS + _FIT_KEYS * is_own
+    is_own = request["tool"] == TOOL
+    names = _FILE_KEYS + (_FIT_KEYS if is_own else tuple(COUNTS))
+    if request.get("file") == "":
+        numbers = dict.fromkeys((*_COSTS, *names)) | request["numbers"]
+        return {"used": request["settings"], **{n: numbers[n] for n in (*_COSTS, *names)}}
+    finished = run(request)
     used = {name: finished.report[name] for name in AXES if is_own and name in finished.report}
     return {
         "used": request["settings"] | used,
@@ -142,10 +153,44 @@ def _by_gauss2svg(request: Request) -> Run:
 
 
 def _by_peer(request: Request) -> Run:
-    """Run another tool on the photo, with white behind its transparent parts."""
-    tool, settings, limit_s = (request[name] for name in ("tool", "settings", "peer_timeout"))
+    """Measure the file of another method, or run another tool on the photo.
+
+    White is put behind the transparent parts of the photo.
+    """
+    tool, settings = request["tool"], request["settings"]
     most = request["options"]["max_pixels"]
     photo = load_image(request["source"], matte=WHITE_MATTE, max_pixels=most).pixels
+    if "file" in request:
+        data, suffix = _data_of(request["file"], tool)
+        cost = request["numbers"]
+    else:
+        data, cost = _converted(photo, tool, settings, request["peer_timeout"])
+        suffix = PEERS[tool].suffix
+    columns, cost = {"tool": tool, "settings": settings} | cost, {n: cost.get(n) for n in _COSTS}
+    if suffix not in _SVGS:
+        report, raster = _measured_image(data, photo)
+        return Run(_as_svg(data, photo), columns | report, raster, photo, cost)
+    source, scale = request.get("reference") or (None, None)
+    # A process for each of the many files of a batch would take longer than to fit a small photo.
+    is_ours = tool == BATCH and is_own(request["file"])
+    svg = SimpleNamespace(svg=data.decode()) if is_ours else data
+    result = check(photo, svg, reference=source, reference_scale=scale)
+    return Run(data, columns | result.report, result.raster, photo, cost)
+
+
+def _data_of(file: str | None, label: str) -> tuple[bytes, str]:
+    """Return the bytes of a method's file, gunzipped, and its suffix."""
+    if file is None:
+        raise PeerError(f"{label} must have a file or a row for each photo; got none for this one")
+    path = Path(file)
+    suffix = path.suffix.lower()
+    return read_source(path, MOST_BYTES)[0] if suffix in _SVGS else path.read_bytes(), suffix
+
+
+def _converted(
+    photo: NDArray[np.float32], tool: str, settings: dict[str, Any], limit_s: float
+) -> tuple[bytes, dict[str, Any]]:
+    """Run another tool on a photo. Return the bytes of its file, and its cost."""
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
         png, output = Path(folder) / "photo.png", Path(folder) / f"output{PEERS[tool].suffix}"
         png.write_bytes(as_png(photo))
@@ -153,16 +198,20 @@ def _by_peer(request: Request) -> Run:
             cost = in_own_process(convert_by, tool, settings, png, output, timeout_s=limit_s)
         except TimeoutError:
             cost = {"error": f"timed out after {limit_s:g} s. Try a longer --peer-timeout"}
-        if "error" in cost or not output.exists():
-            line = f"{tool} wrote no file. Try running it by hand"
-            raise PeerError(cost.get("error", line))
-        data = output.read_bytes()
-    if output.suffix != ".svg":
-        return Run(data, *_measured_image(data, photo), photo, cost)
-    source, scale = request.get("reference") or (None, None)
-    result = check(photo, data, reference=source, reference_scale=scale)
-    columns = {"tool": tool, "settings": settings, "total_s": cost["total_s"]}
-    return Run(data, columns | result.report, result.raster, photo, cost)
+        if "error" in cost:
+            raise PeerError(cost["error"])
+        return output.read_bytes(), cost
+
+
+def _as_svg(data: bytes, photo: NDArray[np.float32]) -> bytes:
+    """Return an SVG that shows a raster image, so that pages treat it like other files."""
+    height, width = photo.shape[:2]
+    with Image.open(BytesIO(data)) as image:
+        kind = image.get_format_mimetype()
+    size = f'width="{width}" height="{height}"'
+    root = f'<svg {NAMESPACE} {size} viewBox="0 0 {width} {height}">'
+    source = f"data:{kind};base64,{base64.b64encode(data).decode()}"
+    return f'{root}<image {size} href="{source}"/></svg>'.encode()
 
 
 def _measured_image(

@@ -121,8 +121,9 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
     """Return {file name: plot as SVG text}.
 
     A plot shows one score over one cost. It has a point for each setting, except for settings whose
-    score is missing or infinite. A plot without points is not made. A line joins the points on the
-    Pareto front of gauss2svg. The tooltip of a point shows its label and its numbers.
+    score is missing or infinite, or whose cost is missing. A plot without points is not made. A
+    line joins the points on the Pareto front of gauss2svg. The tooltip of a point shows its label
+    and its numbers.
 
     Each point belongs to a series. The points of a series have the same colour and shape. Each
     preset is a series, and so is each tool other than gauss2svg. Any other setting of gauss2svg is
@@ -154,10 +155,12 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
                     "text": f"{row['label']}: {axis.text(score)}, {cost.text(price)}",
                 }
                 for row in scored
+                if row[cost.key] is not None
             ]
-            plots[f"{axis.slug}_{cost.unit}.svg"] = template.render(
-                chart=scatter(points, cost, axis), score=axis.name, series=series
-            )
+            if points:
+                plots[f"{axis.slug}_{cost.unit}.svg"] = template.render(
+                    chart=scatter(points, cost, axis), score=axis.name, series=series
+                )
     return plots
 
 
@@ -180,9 +183,10 @@ def run_bench(
     directory     folder of the tables and plots. It is created if it does not exist.
     axes          the values of each option of `vectorize` that is varied. Every combination is run,
                   with the other options at their defaults. If it is None, the settings are
-                  gauss2svg.compare.variants.DEFAULT_GRID.
+                  gauss2svg.compare.variants.DEFAULT_GRID. If it is empty, only peers are measured.
     peers         other tools, by their names in gauss2svg.compare.peers.PEERS. Tools that are not
-                  installed are skipped.
+                  installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
+                  the numbers of another method.
     options       limits of the runs, references, the seed and the number of threads
     progress      called with a Progress when a run begins or ends
 
@@ -195,10 +199,11 @@ def run_bench(
     seed, scale = options.seed, options.reference_scale
     thread_count(options.threads)
     others, absent = peer_variants(peers)
-    variants = [*map(Variant, settings_of(axes)), *others]
+    variants = [*map(Variant, settings_of(axes) if axes != {} else ()), *others]
     photos = listed_photos(images, "images")
     for photo in photos:
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
+    entries = {variant: variant.entries(photos) for variant in variants}
     sources = {} if options.references is None else _references(photos, options.references)
     versions = {"gauss2svg": __version__, "python": platform.python_version()}
 
@@ -209,6 +214,9 @@ def run_bench(
         # still valid if these change.
         dependencies = [seed, options.threads] if variant.is_own else []
         parameters = {"options": of_runs, "peer_timeout": options.peer_timeout}
+        if entry := entries[variant].get(photo):
+            parameters |= {"file": entry["file"], "numbers": entry["numbers"]}
+            dependencies += [entry["digest"], entry["numbers"]]
         if source := sources.get(photo):
             parameters["reference"] = source, scale
             dependencies += [hashlib.sha256(source.read_bytes()).hexdigest(), scale]

@@ -18,7 +18,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gauss2svg.compare.peers import PEERS
+from gauss2svg.batch.listing import ListedPhoto
+from gauss2svg.compare.peers import PEERS, entries_of
 from gauss2svg.compare.records import TOOL
 from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
 from gauss2svg.fit import MOST_GAUSSIANS
@@ -34,13 +35,15 @@ class Variant(NamedTuple):
     """A way to make a file from a photo: a tool and its settings.
 
     settings  (name, value) of options of gauss2svg or of another tool, sorted by name
-    tool      "gauss2svg" or the name of a peer
+    tool      "gauss2svg", the name of a peer, or the label of files
     version   version of the tool
+    files     folder or CSV with what another method has made of the photos. "" if a tool is run
     """
 
     settings: Settings
     tool: str = TOOL
     version: str = __version__
+    files: str = ""
 
     @property
     def is_own(self) -> bool:
@@ -70,7 +73,8 @@ class Variant(NamedTuple):
     @property
     def slug(self) -> str:
         """Name of the variant's folder: "draft", "gaussians-500", "vtracer"."""
-        return re.sub(r"[^\w.-]+", "-", self.label if self.is_own else self.name)
+        text = f"files-{self.tool}" if self.files else self.label if self.is_own else self.name
+        return re.sub(r"[^\w.-]+", "-", text)
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -78,31 +82,48 @@ class Variant(NamedTuple):
         names = {"label": self.label, "preset": self.preset, "tool": self.tool}
         return names | {"tool_version": self.version, "settings": dict(self.settings)}
 
+    def entries(self, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, dict[str, Any]]:
+        """Return what `files` has of each photo. If a tool is run, return an empty dict."""
+        found = entries_of(self.files, [photo.path for photo in photos]) if self.files else ()
+        return dict(zip(photos, found, strict=False))
 
-def peer_variants(
-    texts: Iterable[str], most: int | None = None, suffix: str = ""
-) -> tuple[list[Variant], list[str]]:
+
+def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[Variant], list[str]]:
     """Return variants of other tools, each once, and the names of tools that are not installed.
 
-    texts   "vtracer" for all settings of the tool, or "vtracer:detailed" for one of them
+    texts   "vtracer" for all settings of the tool, "vtracer:detailed" for one of them, or
+            LABEL=PATH for the folder or the CSV of another method
     most    "vtracer" stands for at most this number of settings, which are the first ones of the
             tool. If it is None, "vtracer" stands for all of them.
-    suffix  only tools that write files with this suffix are accepted, such as ".svg". If it is "",
-            all tools are accepted.
-    Raise InputError for any other text.
+    Raise InputError for any other text, and if two paths have the same label.
     """
     by_text: dict[str, list[Variant]] = {}
     for tool, peer in PEERS.items():
-        for settings in peer.settings if peer.suffix.endswith(suffix) else ():
+        for settings in peer.settings:
             variant = Variant(tuple(sorted(settings.items())), tool)
             by_text.setdefault(tool, []).append(variant)
             by_text[variant.label.replace(" ", ":")] = [variant]
-    peer_field = Field("peer", words=tuple(by_text))
-    names = [peer_field.checked(text) for text in _sequence("peers", texts)]
-    chosen = dict.fromkeys(variant for name in names for variant in by_text[name][:most])
-    versions = {tool: PEERS[tool].version() for tool in dict.fromkeys(v.tool for v in chosen)}
-    installed = [v._replace(version=version) for v in chosen if (version := versions[v.tool])]
-    return installed, [tool for tool, version in versions.items() if not version]
+    words = (*by_text, "LABEL=FOLDER")
+    chosen: dict[Variant, None] = {}  # used as an ordered set
+    for text in _sequence("peers", texts):
+        label, equals_sign, files = str(text).partition("=")
+        if not equals_sign:
+            name = Field("peer", words=words).checked(text)
+            chosen |= dict.fromkeys(by_text.get(name, [])[:most])
+            continue
+        is_taken = label in {TOOL, *PEERS, *PRESETS, *(one.tool for one in chosen)}
+        if is_taken or not re.fullmatch(r"\w[\w.-]*", label):
+            needed = "a word that no preset and no other peer has"
+            raise refusal("label of a peer", needed, quoted(label), "mine=FOLDER")
+        if not Path(files).exists():
+            needed = "a folder of SVGs or pictures, or a CSV"
+            raise refusal(f"peer {label}", needed, f"no {files}", f"{label}=FOLDER")
+        chosen[Variant((), label, "", files)] = None
+    versions = {v.tool: v.version if v.files else PEERS[v.tool].version() for v in chosen}
+    installed = [
+        v._replace(version=found) for v in chosen if (found := versions[v.tool]) is not None
+    ]
+    return installed, [tool for tool, version in versions.items() if version is None]
 
 
 def variants_of(
@@ -117,9 +138,9 @@ def variants_of(
     counts   numbers of Gaussians, 0..MOST_GAUSSIANS
     axes     the values of each option that is varied. Every combination is a variant. If there are
              no presets, counts or axes, the presets are draft, balanced and high.
-    peers    tools that write SVGs. "vtracer" stands for VTracer with the first of its settings in
-             gauss2svg.compare.peers, and "vtracer:detailed" for VTracer with the settings
-             "detailed"
+    peers    other tools. "vtracer" stands for VTracer with the first of its settings in
+             gauss2svg.compare.peers, "vtracer:detailed" for VTracer with the settings "detailed",
+             and LABEL=FOLDER for the files of another method
     Raise InputError for any other value, and if there is no variant.
     """
     if presets is None and counts is None and not axes:
@@ -132,7 +153,10 @@ def variants_of(
     for name in (name for name, _ in chain(*settings) if "." in name):
         # A process of a gallery makes several SVGs, and would keep the value for all of them.
         raise refusal("axes of a gallery", "options", name, "gauss2svg bench")
-    others, absent = peer_variants(peers, 1, ".svg")
+    others, absent = peer_variants(peers, 1)
+    for variant in others:
+        if Path(variant.files).is_file():  # "" is no file
+            raise refusal(f"peer {variant.tool}", "a folder", variant.files, "gauss2svg bench")
     variants = [*map(Variant, dict.fromkeys(settings)), *others]
     if not variants:
         got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"

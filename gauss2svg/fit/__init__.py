@@ -9,9 +9,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast, get_args
 
-from gauss2svg.errors import InputError, quoted
+from gauss2svg.errors import InputError, nearest, quoted, refusal
 from gauss2svg.fit import schedule
 from gauss2svg.fit.schedule import refinement_reduction, totals
 from gauss2svg.options import Field, Interval, OptionGroup, Seed
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 Tune = Literal["perceptual", "psnr"]
 PERCEPTUAL, PSNR = "perceptual", "psnr"
-DEFAULT_LOSS = "mse"
+DEFAULT_LOSS = "weighted"
+LossName = Literal["weighted", "mse", "l1", "mse+ssim", "l1+ssim"]
 # Kinds of falloff. GAUSSIAN: the exponent beta of every shape is 1, as in the paper. ADAPTIVE: each
 # shape learns its own beta. CRISP: shapes have sharp rims, as in a fit to inks.
 GAUSSIAN, ADAPTIVE, CRISP = "gaussian", "adaptive", "crisp"
@@ -32,9 +33,31 @@ GAUSSIAN, ADAPTIVE, CRISP = "gaussian", "adaptive", "crisp"
 MOST_GAUSSIANS = 10_000_000
 
 
-def has_ssim(loss: str) -> bool:
+class LossFunction(Protocol):
+    """A loss of one's own: a function of a render and the target, (h, w, 3) float32 in 0..1.
+
+    It returns the loss, which is at least 0 and 0 for equal pictures, and the derivative of the
+    loss with respect to each value of the render. These may be arrays or tensors. A fit calls it
+    at each step, also with smaller pictures, and over white and over black if the photo has alpha.
+    """
+
+    def __call__(self, render: Any, target: Any, /) -> tuple[Any, Any]:
+        """Return the loss and its derivatives."""
+        ...
+
+
+def check_loss(name: str, value: Any) -> LossFunction:
+    """Return a function. Raise InputError for a value that cannot be called."""
+    if callable(value):
+        return cast(LossFunction, value)
+    words = get_args(LossName)
+    close = nearest(value, words) if isinstance(value, str) else ""
+    raise refusal(name, f"one of {', '.join(words)} or a function", quoted(value), close)
+
+
+def has_ssim(loss: LossName | LossFunction) -> bool:
     """Return whether a loss has an SSIM term."""
-    return loss.endswith("+ssim")
+    return isinstance(loss, str) and loss.endswith("+ssim")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,9 +68,10 @@ class FitOptions(OptionGroup):
     """Number of steps of the fit, each of which moves all shapes a little. The default depends on
     the preset."""
 
-    loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
-    """Error that the fit reduces: mse (squared) or l1 (absolute), each also with ssim (structural
-    similarity). l1 and ssim follow the paper of the method. ssim takes about ten times as long."""
+    loss: Annotated[LossName | LossFunction, check_loss] = "weighted"
+    """Error that the fit reduces: weighted (squared, weighted as --tune says), mse (squared) or l1
+    (absolute), each of these two also with ssim (structural similarity). l1 and ssim follow the
+    paper of the method. ssim takes about ten times as long. In Python also a function."""
 
     tune: Tune | None = None
     """What the fit is best at. perceptual: what people see, so errors count more on smooth areas
@@ -201,7 +225,8 @@ class FitConfig:
             yield "falloff", needed, quoted(fit.falloff), f"--blend {OVER}"
         if fit.ssim_weight is not None and not has_ssim(fit.loss):
             needed = "be one with ssim if ssim_weight is given"
-            yield "loss", needed, quoted(fit.loss), f"--loss {fit.loss}+ssim"
+            base = "l1" if fit.loss == "l1" else "mse"
+            yield "loss", needed, quoted(fit.loss), f"--loss {base}+ssim"
         each, per_round = densify.round_iterations, densify.per_round
         if per_round is not None and densify.schedule == "all-at-once":
             needed = "be exponential or linear if per_round is given"

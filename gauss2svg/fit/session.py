@@ -34,12 +34,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import refusal
-from gauss2svg.fit import DEFAULT_LOSS, FitConfig, FitProgress, FitResult, schedule
+from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
 from gauss2svg.fit.adam import NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.population import AsWritten, Backup, Population
 from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import TargetPyramid, psnr_of
+from gauss2svg.fit.target import SQUARED_LOSSES, TargetPyramid, psnr_of
 from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import ADD, OVER, Scene
@@ -413,7 +413,7 @@ class FitSession:
             return
         # Target.loss takes a third of the time of `evaluate`, because it computes no gradient. So
         # it is used in the cases in which both give the same loss.
-        if self.config.fit.loss == DEFAULT_LOSS:
+        if self.config.fit.loss in SQUARED_LOSSES:
             loss = population.target.loss(population.splats())
         else:
             loss = population.evaluate(population.splats()).loss

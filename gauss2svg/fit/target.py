@@ -27,7 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.fit import DEFAULT_LOSS, PERCEPTUAL, PSNR, has_ssim
+from gauss2svg.errors import refusal
+from gauss2svg.fit import (
+    DEFAULT_LOSS,
+    PERCEPTUAL,
+    PSNR,
+    LossFunction,
+    LossName,
+    has_ssim,
+)
 from gauss2svg.photo.pixels import BACKDROPS, Focus, has_alpha, shrunk
 from gauss2svg.render.cpu import (
     Splats,
@@ -47,11 +55,11 @@ MOST_OPACITY = 0.98
 class LossAndGradient(NamedTuple):
     """The loss of a state, and the gradient that the optimiser follows.
 
-    loss      sum of the losses of all channels of all pixels, weighted by Target.focus. For "mse"
-              it is half the sum of squared errors
+    loss      sum of the losses of all channels of all pixels, weighted by Target.focus. For
+              SQUARED_LOSSES it is half the sum of squared errors
     error     mean squared error, weighted by Target.focus
-    moments   (n, MOMENTS) moments of the gradient (gauss2svg.render.kernels). For "mse" this is not
-              the gradient of `loss`, but of half the sum of squared errors with the weights
+    moments   (n, MOMENTS) moments of the gradient (gauss2svg.render.kernels). For DEFAULT_LOSS this
+              is not the gradient of `loss`, but of half the sum of squared errors with the weights
               Target.weight
     pairs     number of pixel-Gaussian pairs that were evaluated
     rendered  the renders (3, h, w): one render for each backdrop of the target
@@ -191,23 +199,30 @@ class Target:
         return float(np.mean(squares, dtype=np.float64))
 
     def loss(self, splats: Splats) -> float:
-        """Return the loss that `evaluate` returns for "mse", without computing the gradient."""
+        """Return the loss that `evaluate` returns for SQUARED_LOSSES, without its gradient."""
         return 0.5 * self.error(splats) * self.planar.size
 
-    def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
+    @cached_property
+    def _even_weight(self) -> NDArray[np.floating]:
+        return np.ones_like(self.weight) if self.focus is None else self.focus
+
+    def evaluate(
+        self, splats: Splats, loss: LossName | LossFunction, ssim_weight: float | None
+    ) -> LossAndGradient:
         """Return the loss of the Gaussians and its gradient.
 
-        loss         name of the loss, one of the values of FitOptions.loss
+        loss         one of the values of FitOptions.loss
         ssim_weight  weight of 1 - SSIM in 0..1, or None for SSIM_WEIGHT
         """
         parts: list[LossAndGradient] = []
+        weight = self.weight if loss == DEFAULT_LOSS else self._even_weight
         for planar, backdrop in self._views:
             on_backdrop = self._over(splats, backdrop)
-            image, squares, moments, rows = squared_error(on_backdrop, planar, self.weight)
+            image, squares, moments, rows = squared_error(on_backdrop, planar, weight)
             if self.focus is not None:
                 squares = self._mean_square(image, planar) * planar.size
             value = 0.5 * squares
-            if loss != DEFAULT_LOSS:
+            if loss not in SQUARED_LOSSES:
                 mean, gradient = image_gradient(loss, image, planar, ssim_weight, self.focus)
                 value, moments = mean * planar.size, moments_of_gradient(on_backdrop, gradient)
             # squared_error counts pair rows. A pair row has 16 px, so it is 16 pixel-Gaussian
@@ -376,6 +391,7 @@ def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
 # Rendering" (Kerbl et al., 2023).
 SSIM_WEIGHT = 0.2
 
+SQUARED_LOSSES = (DEFAULT_LOSS, "mse")  # a kernel computes these and their gradients
 # A function for each loss, by the name of the loss. The function takes the differences between
 # values and their targets. It returns the loss of each value, and the derivative of this loss.
 PIXEL_LOSSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
@@ -385,7 +401,7 @@ PIXEL_LOSSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
 
 
 def image_gradient(
-    loss: str,
+    loss: LossName | LossFunction,
     rendered: NDArray[np.floating],
     target: NDArray[np.floating],
     ssim_weight: float | None = None,
@@ -393,7 +409,7 @@ def image_gradient(
 ) -> tuple[float, NDArray[np.floating]]:
     """Return the loss and its gradient (3, h, w) with respect to rendered (3, h, w).
 
-    loss         a name in PIXEL_LOSSES, which may be followed by +ssim
+    loss         a function, or a name in PIXEL_LOSSES, which may be followed by +ssim
     ssim_weight  weight w of the SSIM term in 0..1. If it is None, w is SSIM_WEIGHT
     focus        (h, w) weight of each pixel, of mean 1. If it is None, all weights are 1
 
@@ -402,6 +418,8 @@ def image_gradient(
     multiplied by the number of values of the image, so that its scale does not depend on the size
     of the image.
     """
+    if not isinstance(loss, str):
+        return _by_function(loss, rendered, target)
     losses, gradient = PIXEL_LOSSES[loss.removesuffix("+ssim")](rendered - target)
     if focus is not None:
         losses, gradient = losses * focus, gradient * focus
@@ -415,6 +433,23 @@ def image_gradient(
             value += weight * (1 - similarity) / len(rendered)
             gradient[channel] -= weight * slope
     return float(value), gradient
+
+
+def _by_function(
+    loss: LossFunction, rendered: NDArray[np.floating], target: NDArray[np.floating]
+) -> tuple[float, NDArray[np.floating]]:
+    """Return the loss of a function and its gradient, as image_gradient does.
+
+    Raise InputError if the loss is below 0, because the guard against divergence compares ratios,
+    or if the gradient has not the shape of the render.
+    """
+    pictures = [np.ascontiguousarray(np.moveaxis(one, 0, -1)) for one in (rendered, target)]
+    value, slope = loss(*pictures)
+    value, slope = float(value), np.asarray(slope, rendered.dtype)
+    if value < 0 or slope.shape != pictures[0].shape:
+        needed = f"a function that returns a loss >= 0 and its gradient {pictures[0].shape}"
+        raise refusal("loss", needed, f"{value:g} and a gradient {slope.shape}")
+    return value, np.ascontiguousarray(np.moveaxis(slope, -1, 0)) * rendered.dtype.type(slope.size)
 
 
 def structural_similarity(

@@ -20,7 +20,7 @@ from gauss2svg.options import fields_of
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
-from gauss2svg.raster import BROWSERS, refuse_unsupported, renderer_version
+from gauss2svg.raster import BROWSERS, rasterize_sized, refuse_unsupported, renderer_version
 from gauss2svg.raster.isolated import draw
 from gauss2svg.svg.file import (
     BLANKS,
@@ -170,7 +170,8 @@ def check(
     gauss2svg[scores].
 
     photo          any image that `vectorize` accepts
-    svg            a path, text that begins with <, bytes or a binary file. It may be gzipped
+    svg            a path, text that begins with <, bytes or a binary file, which may be gzipped, or
+                   a Result of `vectorize`, which is trusted and drawn in this process
     reference      larger picture from which the photo was made. The SVG is enlarged and compared
                    with it too. It is an SVG, or a picture that has at least reference_scale times
                    the photo's width and height
@@ -203,12 +204,18 @@ def check(
         raise refusal("reference", "given for reference_scale", "none", advice)
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
     pixels, size = pixels_of(picture), (picture.width, picture.height)
+    is_trusted = isinstance(getattr(svg, "svg", None), str)
+    svg = svg.svg if is_trusted else svg
     data, text = read_source(svg, int(asked.max_svg_bytes))
     larger, scale = None, asked.reference_scale or REFERENCE_SCALE
     if reference is not None:
         larger = enlarged(text, reference, size, scale, asked, WHITE if matte is None else matte)
     surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)
-    raster = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
+    if is_trusted:
+        raster = rasterize_sized(sized_text, *size, asked.renderer, pixels.shape[2] == 4)
+        raster = raster if pixels.shape[2] == 4 else over(raster)
+    else:
+        raster = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
     is_measurable = min(size) >= metrics.LEAST_SIDE_FOR_MS_SSIM
     return CheckResult(
         **{name.replace("_svg", ""): v for name, v in measure_pixels(raster, pixels).items()},

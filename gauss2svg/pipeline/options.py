@@ -241,8 +241,9 @@ class Options:
         return cls().changed(**values)
 
     def flat(self) -> dict[str, Any]:
-        """Return the values of all options by the options' names."""
-        return {name: getattr(getattr(self, key), name) for name, key in OPTIONS.items()}
+        """Return the values of all options by the options' names. A function is its name."""
+        values = {name: getattr(getattr(self, key), name) for name, key in OPTIONS.items()}
+        return {k: getattr(v, "__name__", v) if callable(v) else v for k, v in values.items()}
 
     def of_picture(self) -> dict[str, Any]:
         """Return the values of the options that may change the picture, by the options' names."""

@@ -6,7 +6,7 @@ that the Gaussians are drawn over.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,26 @@ from gauss2svg.scene import whitening_of
 # opacities are raised. Ten thousand shapes of this opacity change no pixel of an image of this
 # dtype.
 _LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
+
+
+def torch_loss(
+    function: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
+) -> Callable[[NDArray[np.float32], NDArray[np.float32]], tuple[float, torch.Tensor]]:
+    """Return a loss for FitOptions.loss, which returns its gradient too.
+
+    function  differentiable function of the render and the target, both tensors (h, w, 3) in 0..1,
+              that returns a scalar >= 0
+    """
+
+    def loss(
+        render: NDArray[np.float32], target: NDArray[np.float32]
+    ) -> tuple[float, torch.Tensor]:
+        image = torch.from_numpy(render).requires_grad_()
+        value = function(image, torch.from_numpy(target))
+        return value.item(), torch.autograd.grad(value, image)[0]
+
+    loss.__name__ = getattr(function, "__name__", "loss")
+    return loss
 
 
 class _FastRender(torch.autograd.Function):

@@ -28,7 +28,7 @@ if "gauss2svg.pool" in sys.orig_argv or "spawn_main" in " ".join(sys.orig_argv):
     from gauss2svg.batch import worker
     write, here = worker.write, Path(__file__).parent
     def held(root, name, data, **given):
-        photo = name.partition(".")[0]
+        photo = Path(name).name.partition(".")[0]
         if photo == "crash":
             ctypes.string_at(0)
         write(root, name, data, **given)

@@ -17,7 +17,7 @@ from gauss2svg.batch import many, worker
 from gauss2svg.batch.many import vectorize_many
 from gauss2svg.batch.stores import PARTS, STATE, prepare, write
 from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
-from gauss2svg.batch.worker import MARK, PhotoRecord
+from gauss2svg.batch.worker import MARKS, PhotoRecord
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
 from gauss2svg.photo.pixels import Header
@@ -26,6 +26,7 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pool import WorkerDiedError
 from gauss2svg.scene.areas import AreaCounts
+from gauss2svg.svg.file import file_bytes
 
 pytestmark = pytest.mark.usefixtures("pool_here")
 NAMES = ["a.png", "b/a.jpg", "b/c d.png", "e.tif"]
@@ -80,9 +81,10 @@ def test_each_photo_has_a_row_and_each_svg_a_mark_with_all_that_is_asked_for(run
     for name, one in marks(out).items():
         assert one.keys() == {*table[name], "run"} == {*PhotoRecord._fields, "run"}
         assert (out / STATE / f"options-{one['options']}.json").exists()
-        assert one["bytes"] == (out / name).stat().st_size
+        data = (out / name).read_bytes()
+        assert (one["svg_bytes"], one["svgz_bytes"]) == (len(data), len(file_bytes(data, True)))
         assert (one["width"], one["height"]) == (12, 12)
-        assert min(one["psnr_svg"], one["paint_ms"], one["seconds"], one["cpu_seconds"]) > 0
+        assert min(one["psnr_svg"], one["paint_ms"], one["total_s"], one["cpu_s"]) > 0
         assert table[name]["psnr_svg"] == str(one["psnr_svg"])
     assert left_parts(out) == []
     parquet = pytest.importorskip("pyarrow.parquet").read_table(out / PARQUET).to_pydict()
@@ -117,7 +119,7 @@ def test_what_is_done_needs_no_worker_and_stays_as_it_is(
 
 
 def damage_marks(folder):
-    for number, path in enumerate(sorted((folder / "out").rglob(f"*{MARK}"))):
+    for number, path in enumerate(sorted((folder / "out" / MARKS).rglob("*.json"))):
         text = path.read_text()
         path.write_text([text[:50], "[]", '{"more": 1}', "[" * 100_000][number])
 
@@ -128,7 +130,7 @@ CHANGES = [
     (lambda at: os.utime(at / "photos/a.png", ns=(1, 1)), {}, ["a.svg"]),
     (lambda at: (at / "out/e.svg").unlink(), {}, ["e.svg"]),
     (lambda at: (at / "out/e.svg").write_text("cut"), {}, ["e.svg"]),
-    (lambda at: (at / f"out/e.svg{MARK}").unlink(), {}, ["e.svg"]),
+    (lambda at: (at / "out" / MARKS / "e.svg.json").unlink(), {}, ["e.svg"]),
     (lambda at: None, {"threads": 1}, []),
     (damage_marks, {}, GOOD),
     (lambda at: None, {"seed": 5}, GOOD),
@@ -296,9 +298,9 @@ def test_no_cell_of_a_table_begins_a_formula_and_every_name_is_unicode(tmp_path)
 def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp_path):
     run(photos)
     out = tmp_path / "out"
-    (out / f"e.svg{MARK}").unlink()  # as if the run had been killed between both
+    (out / MARKS / "e.svg.json").unlink()  # as if the run had been killed between both
     (out / "a.svg").write_text("drawn by hand")
-    (out / f"a.svg{MARK}").unlink()
+    (out / MARKS / "a.svg.json").unlink()
     found = run(photos)
     assert (found["done"], found["failed"]) == (["e.svg"], ["a.svg"])
     assert (out / "a.svg").read_text() == "drawn by hand"

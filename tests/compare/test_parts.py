@@ -64,7 +64,7 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
         (["gaussians=many"], "axis gaussians must be .*; got 'many'"),
         ([f"{FULL}=x"], f"axis {FULL} must be a number in .*; got 'x'"),
         ({"loss": ()}, "axis loss must be given with values"),
-        ({"loss": ["l3"]}, "axis loss must be one of mse"),
+        ({"loss": ["l3"]}, "axis loss must be one of weighted, mse"),
         (["form=gradient,blur", "renderer=chromium,cairo"], ".*for form blur; got 'cairo'"),
         # A new value of these constants would change a part of the program.
         (["pipeline.plan.CAP_FOR_TARGET=1"], f"{ONLY_IN_RUNS}gauss2svg.pipeline.* imports by"),

@@ -10,13 +10,14 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import gauss2svg
-from gauss2svg.cli.main import command_of, main
+from gauss2svg.cli.main import COMMANDS, command_of, main
 from gauss2svg.fit.session import STOP_REASONS
 from gauss2svg.measure import TARGETS
 
@@ -144,6 +145,20 @@ def test_links_of_the_readme_lead_to_files():
     readme = ROOT / "README.md"
     for link in re.findall(r"\]\(([^)#]+)", readme.read_text()):
         assert (ROOT / link).exists(), link
+
+
+def test_citations_have_the_present_version():
+    assert f"version = {{{gauss2svg.__version__}}}," in (DOCS / "guide/research.md").read_text()
+    assert f"\nversion: {gauss2svg.__version__}\n" in (ROOT / ".github/CITATION.cff").read_text()
+
+
+def test_tables_of_pages_are_those_of_the_code():
+    tables, text = run_path(str(DOCS / "tables.py")), "".join(page.read_text() for page in PAGES)
+    for page in PAGES:
+        assert tables["updated"](page.read_text()) == page.read_text(), "run python docs/tables.py"
+    assert {f"<!-- table: {name}" in text for name in tables["TABLES"]} == {True}
+    commands = set(re.findall(r"<!-- table: options (\w+)", text))
+    assert commands == {"gauss2svg", *COMMANDS}
 
 
 def test_every_public_name_is_in_the_reference():

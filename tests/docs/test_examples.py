@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import importlib
+import json
 import os
 import re
 import subprocess
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from batches import save_photo, save_photos
 from galleries import program
+from gallery_site import hastily
 from PIL import Image
 from scenes import random_scene
 
@@ -84,14 +86,23 @@ def test_the_service_answers_svgs_and_refusals(small, monkeypatch):
     assert all(" must be " in one.text and "\n" not in one.text for one in refused)
 
 
-def test_a_loss_of_ones_own_ends_in_an_svg_that_steps_make_better(small, tmp_path, capsys):
-    loss = importlib.import_module("loss")
-    out, psnr = str(tmp_path / "out.svg"), []
-    for steps in (0, 25):
-        loss.main(small, out, n=30, steps=steps)
-        psnr.append(check(small, out).psnr)
-    assert psnr[1] > psnr[0] + 3
-    assert said(capsys)[-1] == f"{psnr[1]:.2f} dB"
+def test_a_tracer_of_ones_own_is_beside_ours_in_tables_and_pages(small, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with hastily():
+        importlib.import_module("tracer").main(small)
+    for name, label in (("bench/bench.json", "label"), ("site/gallery.json", "variant")):
+        rows = json.loads(Path(name).read_text())["rows"]
+        assert {row[label] for row in rows} == {"draft", "mine"}
+        assert all(row["psnr_svg"] > 10 and row["svg_bytes"] > 0 for row in rows)
+
+
+def test_a_torch_loss_in_the_fit_is_about_as_close_as_the_usual_one(small, tmp_path, capsys):
+    pytest.importorskip("torch")
+    importlib.import_module("loss").main(small, str(tmp_path / "out.svg"), 40, 60)
+    usual, own = (re.fullmatch(r"(\w+): (.*) dB by (\d+) Gaussians", line) for line in said(capsys))
+    assert (usual[1], own[1], usual[3]) == ("weighted", "loss_of", own[3])
+    assert abs(float(own[2]) - float(usual[2])) < 1.5
+    assert check(small, tmp_path / "out.svg").psnr == pytest.approx(float(own[2]), abs=0.01)
 
 
 @pytest.mark.parametrize("layout", ["_cholesky", "_scaling"])

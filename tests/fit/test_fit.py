@@ -54,6 +54,16 @@ def test_every_loss_placement_and_schedule_fits_the_photo(photo, options):
     assert metrics.psnr(render(result.scene), photo[::2, ::2]) > 20 + 2 * ("loss" in options)
 
 
+def test_a_loss_of_ones_own_fits_as_closely_as_the_same_one_of_the_program(photo):
+    def squares(render, target):
+        return np.mean((render - target) ** 2), 2 * (render - target) / render.size
+
+    own, ours = (
+        quality_of(photo, gaussians=100, iterations=60, loss=loss) for loss in (squares, "mse")
+    )
+    assert abs(own - ours) < 0.3
+
+
 @pytest.mark.usefixtures("threads_given_back")
 @pytest.mark.parametrize("blend", BLENDS)
 @pytest.mark.parametrize("dtype", DTYPES)

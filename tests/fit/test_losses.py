@@ -5,8 +5,10 @@ import pytest
 from flat import choices, fit_config
 from scenes import random_scene
 
+from gauss2svg.errors import InputError
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import Population
+from gauss2svg.fit.session import fit
 from gauss2svg.fit.target import (
     CONTRAST,
     LEAST_BOUND,
@@ -17,6 +19,7 @@ from gauss2svg.fit.target import (
     structural_similarity,
     target_of,
 )
+from gauss2svg.render.cpu import moments_of_gradient, splats_of
 from gauss2svg.render.weights import visible_mass
 from gauss2svg.scene import Scene
 
@@ -43,7 +46,12 @@ def test_ssim_is_that_of_scikit_image_inside(photo):
     assert structural_similarity(one, two)[0] == pytest.approx(full[5:-5, 5:-5].mean(), rel=1e-9)
 
 
-@pytest.mark.parametrize("loss", choices("loss"))
+def own_loss(render, target):
+    """A squared error as a function of one's own, in arrays."""
+    return np.mean((render - target) ** 2), 2 * (render - target) / render.size
+
+
+@pytest.mark.parametrize("loss", [*(one for one in choices("loss") if one != "weighted"), own_loss])
 @pytest.mark.parametrize("size", [(12, 13), (40, 61), (30, 8), (2, 9), (1, 1)])
 @pytest.mark.parametrize("focused", [False, True])
 def test_loss_gradient_is_that_of_finite_differences(loss, size, focused):
@@ -61,6 +69,35 @@ def test_loss_gradient_is_that_of_finite_differences(loss, size, focused):
     single = image_gradient(loss, *planes_32, *more)[1]
     assert single.dtype == np.float32
     assert np.linalg.norm(single - gradient) <= 1e-3 * np.linalg.norm(gradient)
+
+
+@pytest.mark.parametrize("loss", ["mse", own_loss])
+def test_squared_error_has_no_weights_but_the_default_has(loss):
+    _, planar = planes(30, 40)
+    scene, target = random_scene(40, 30, 9), Target(planar, "psnr")
+    splats = splats_of(scene)
+    evaluated = target.evaluate(splats, loss, None)
+    [image] = evaluated.rendered
+    assert evaluated.error == pytest.approx(np.mean((image - planar) ** 2))
+    moments = moments_of_gradient(splats, 2 * (image - planar))
+    scale = 0.5 if loss == "mse" else 1
+    np.testing.assert_allclose(evaluated.moments, scale * moments, rtol=1e-6, atol=1e-9)
+    assert not np.allclose(
+        target.evaluate(splats, "weighted", None).moments, 0.5 * moments, rtol=0.1
+    )
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        ((-1.0, np.zeros((6, 9, 3))), "loss >= 0 .* got -1"),
+        ((1.0, np.zeros(3)), r"gradient \(3,\)"),
+    ],
+)
+def test_a_function_that_is_no_loss_is_refused(answer, message):
+    pixels = np.zeros((6, 9, 3), np.float32)
+    with pytest.raises(InputError, match=message):
+        fit(pixels, fit_config(3, 5, loss=lambda render, target: answer))
 
 
 @pytest.mark.parametrize("loss", ["mse", "l1"])

@@ -69,9 +69,10 @@ def test_our_own_file_has_the_numbers_of_its_report(fitted):
 
 @pytest.mark.parametrize("pack", [lambda b: b, gzip.compress, io.BytesIO, bytes.decode])
 def test_the_way_that_it_comes_does_not_matter(pack, fitted, drawn_here):
-    photo, svg, _ = fitted
+    photo, svg, result = fitted
     expected = gauss2svg.check(photo, str(svg)).report
     assert gauss2svg.check(photo, pack(svg.read_bytes())).report == expected
+    assert gauss2svg.check(photo, result).report == expected
 
 
 HEADS = [

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from gauss2svg.batch.stores import PARTS, STATE
-from gauss2svg.batch.worker import MARK
+from gauss2svg.batch.worker import MARKS
 from gauss2svg.pipeline.options import Options
 
 # The least work that still gives a file of its own for each photo.
@@ -65,13 +65,13 @@ def outputs(folder: Path) -> dict[str, bytes]:
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in folder.rglob("*")
-        if path.is_file() and STATE not in path.parts and not path.name.endswith(MARK)
+        if path.is_file() and STATE not in path.parts
     }
 
 
 def marks(folder: Path) -> dict[str, dict]:
     """What the marks of an output folder say, by their outputs."""
-    found = [json.loads(path.read_bytes()) for path in folder.rglob(f"*{MARK}")]
+    found = [json.loads(path.read_bytes()) for path in (folder / MARKS).rglob("*.json")]
     return {one["output"]: one for one in found}
 
 

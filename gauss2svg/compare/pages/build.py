@@ -87,8 +87,8 @@ def build_gallery(
     directory  folder of the pages. It is created if it does not exist.
     variants   names of presets
     counts     numbers of Gaussians
-    peers      names of other tools that write SVGs, such as "vtracer", or "vtracer:detailed" for
-               other settings. Tools that are not installed are skipped.
+    peers      names of other tools, such as "vtracer", or "vtracer:detailed" for other settings.
+               Tools that are not installed are skipped. "mine=FOLDER" has files of another method.
     axes       the values of each option of `vectorize` that is varied. Every combination is a
                variant. If there are no variants, counts or axes, the presets draft, balanced and
                high are compared.
@@ -105,6 +105,7 @@ def build_gallery(
     """
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers, axes)
+    entries = {variant: variant.entries(listed) for variant in chosen}
     options = options or GalleryOptions()
     jobs, size, seed = options.jobs, options.photo_size, options.seed
     # If no number of threads is given, the processes share the cores.
@@ -129,6 +130,9 @@ def build_gallery(
         # does not depend on the numbers of jobs and threads, nor on the limits. If another tool
         # makes the SVG, it does not depend on the seed either.
         dependencies = (size, seed) if variant and variant.is_own else (size,)
+        if variant and (entry := entries[variant].get(photo)):
+            parameters |= {"file": entry["file"], "numbers": entry["numbers"]}
+            dependencies += (entry["digest"], entry["numbers"])
         columns = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
         file = root / folder / run.PICTURE if variant else page_photo
         return Task(photo, variant, parameters, dependencies, columns, file)
@@ -219,7 +223,11 @@ def write_pages(
     parts = {key: name for key, name in run.COUNTS.items() if key in in_any}
     scores = [s for s in SCORES if s.always or any(row[s.key] is not None for row in rows)]
     versions = {version for report in reports for version in report.get("versions", {}).items()}
-    versions |= {(row["tool"], row["tool_version"]) for row in rows if row["tool"] != TOOL}
+    versions |= {
+        (row["tool"], row["tool_version"])
+        for row in rows
+        if row["tool"] != TOOL and row["tool_version"]
+    }
     origins = Counter(
         (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
         for row in rows
@@ -278,12 +286,12 @@ def _svg(photo: Row, record: Row, variant: Variant) -> Row:
         **{name: record[name] for name in ("machine", "jobs", "threads")},
         "files": {kind: f"{folder}/{name}" for kind, name in names.items()},
     }
-    shapes = chart.whole(report["gaussians" if variant.is_own else "elements"])
+    count, elements = report.get("gaussians"), chart.whole(report.get("elements"))
     texts = {
         **{key: chart.whole(numbers[key]) for key in run.COUNTS},
-        "shapes": shapes if variant.is_own else f"{shapes} elements",
+        "shapes": f"{elements} elements" if count is None else chart.whole(count),
         "svg_bytes": chart.size(report["svg_bytes"]),
-        "total_s": chart.seconds(report["total_s"]),
+        "total_s": chart.seconds(numbers["total_s"]),
         **{axis.key: axis.text(numbers[axis.key]) for axis in SCORES},
     }
     about = {"slug": variant.slug, "name": variant.name, "folder": folder, "isOwn": variant.is_own}
@@ -325,5 +333,6 @@ def chart_of(
         for index, result in enumerate(results)
         for svg in result["svgs"]
         if axis.can_show(score := svg["report"].get(axis.key))
+        and svg["report"].get(cost.key) is not None
     ]
     return chart.scatter(points, cost, axis)

@@ -1,8 +1,6 @@
-"""Directives that list what the code has.
+"""Write the tables of what the code has into the pages: python docs/tables.py.
 
-`{options}` of a command, `{formats}` of photos, `{features}` that
-renderers draw wrongly, `{forms}` that they draw, `{scores}`, `{record}` of a photo of a
-batch.
+A table lies between <!-- table: NAME ARGUMENTS --> and <!-- end -->. Each kind has a function here.
 """
 
 from __future__ import annotations
@@ -11,12 +9,8 @@ import argparse
 import dataclasses
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
-
-from docutils import nodes
-from docutils.parsers.rst import directives
-from sphinx.util.docutils import SphinxDirective
+from collections.abc import Iterable
+from pathlib import Path
 
 from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.cli.main import command_of
@@ -65,32 +59,25 @@ def allowed(field: Field) -> str:
     return f"A number {least} to {most}{advised}."
 
 
-class Options(SphinxDirective):
-    """The options of a command, or of one group of them, by `{options} COMMAND`."""
-
-    required_arguments = 1
-    option_spec = {"group": directives.unchanged}  # noqa: RUF012 (docutils reads it so)
-
-    def run(self) -> list[nodes.Node]:
-        """Return the nodes."""
-        name = self.arguments[0]
-        parser = command_of([*(() if name == "gauss2svg" else (name,)), "--help-all"])[1]
-        fields = {
-            field.name: (field, texts_of(group)[field.name])
-            for group in parser.groups
-            for field in fields_of(group)
-        }
-        lines = [f":::{{program}} {parser.prog}", ":::", ""]
-        for section in parser._action_groups:
-            if self.options.get("group", section.title) == section.title != "About":
-                for action in section._group_actions:
-                    lines += _entry(action, *fields[action.dest])
-        return self.parse_text_to_nodes("\n".join(lines))
+def options_table(command: str, title: str = "") -> str:
+    """Return the options of a command, or those of one section of its help."""
+    parser = command_of([*(() if command == "gauss2svg" else (command,)), "--help-all"])[1]
+    fields = {
+        field.name: (field, texts_of(group)[field.name])
+        for group in parser.groups
+        for field in fields_of(group)
+    }
+    rows = [
+        _row(action, *fields[action.dest])
+        for section in parser._action_groups
+        if (title or section.title) == section.title != "About"
+        for action in section._group_actions
+    ]
+    return _table("| option | meaning |", rows)
 
 
-def _entry(action: argparse.Action, field: Field, text: str) -> Iterator[str]:
-    names = action.option_strings or [action.metavar]
-    yield f"::::{{option}} {', '.join(names)}"
+def _row(action: argparse.Action, field: Field, text: str) -> str:
+    names = action.option_strings or [str(action.metavar)]
     words = [_markdown(text)]
     if field.default is dataclasses.MISSING and action.option_strings:
         words.append("Required.")
@@ -102,9 +89,7 @@ def _entry(action: argparse.Action, field: Field, text: str) -> Iterator[str]:
         words.append(f"Default: `{_number(field.default)}`.")
     elif isinstance(field.default, str) and field.default:
         words.append(f"Default: `{field.default}`.")
-    yield " ".join(word for word in words if word)
-    yield "::::"
-    yield ""
+    return f"| {', '.join(f'`{name}`' for name in names)} | {' '.join(filter(None, words))} |"
 
 
 def _table(head: str, rows: Iterable[str]) -> str:
@@ -169,18 +154,28 @@ def record_table() -> str:
     return _table("| field | what it holds |", rows)
 
 
-def _directive(table: Callable[[], str]) -> type[SphinxDirective]:
-    class Table(SphinxDirective):
-        def run(self) -> list[nodes.Node]:
-            return self.parse_text_to_nodes(table())
+TABLES = {
+    "options": options_table, "formats": formats_table, "features": features_table,
+    "forms": forms_table, "scores": scores_table, "record": record_table,
+}  # fmt: skip
+_PLACE = re.compile(
+    r"(<!-- table: (\w+)(?: (\w+))?(?:, ([\w ]+))? -->\n).*?(<!-- end -->)", re.DOTALL
+)
 
-    return Table
+
+def updated(text: str) -> str:
+    """Return a page with its tables as they are in the code."""
+
+    def filled(match: re.Match[str]) -> str:
+        arguments = [word for word in match.group(3, 4) if word]
+        return f"{match[1]}\n{TABLES[match[2]](*arguments)}\n\n{match[5]}"
+
+    return _PLACE.sub(filled, text)
 
 
-def setup(app: Any) -> dict[str, bool]:
-    """Register with Sphinx."""
-    app.add_directive("options", Options)
-    tables = (formats_table, features_table, forms_table, scores_table, record_table)
-    for table in tables:
-        app.add_directive(table.__name__.removesuffix("_table"), _directive(table))
-    return {"parallel_read_safe": True}
+if __name__ == "__main__":
+    for page in sorted(Path(__file__).parent.rglob("*.md")):
+        before = page.read_text(encoding="utf-8")
+        if (after := updated(before)) != before:
+            page.write_text(after, encoding="utf-8")
+            print(page)

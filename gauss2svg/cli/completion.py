@@ -1,0 +1,39 @@
+"""Print the completion of a shell, which shtab makes: python -m gauss2svg.cli.completion bash."""
+
+import sys
+from argparse import ArgumentParser
+
+import shtab  # pyright: ignore[reportMissingImports]
+
+from gauss2svg.cli.main import COMMANDS, command_of
+from gauss2svg.cli.parser import Parser
+from gauss2svg.options import fields_of
+
+# In bash, photos are completed where shtab knows only commands.
+_BASH = "complete -o default -o filenames -F _shtab_gauss2svg gauss2svg"
+
+
+def completion(shell: str) -> str:
+    """Return the script of bash, zsh or fish that completes commands, options and choices."""
+    whole = _completed(command_of(["--help-all"])[1])
+    # The first word is a photo or a command. shtab takes one of them.
+    whole._actions[:] = [action for action in whole._actions if action.option_strings]
+    commands = whole.add_subparsers(parser_class=ArgumentParser)
+    for name, about in COMMANDS.items():
+        part = _completed(command_of([name, "--help"])[1])
+        commands.add_parser(name, parents=[part], add_help=False, help=about)
+    return "\n".join([shtab.complete(whole, shell), *([_BASH] if shell == "bash" else [])])
+
+
+def _completed(part: Parser) -> Parser:
+    """Tell a parser which arguments are files, and the choices of the others."""
+    choices = {f.name: f.choices for group in part.groups for f in fields_of(group) if f.words}
+    for action in part._actions:
+        action.choices = choices.get(action.dest) or None
+        if action.metavar in ("PATH", "OUT") or not action.option_strings:
+            action.complete = shtab.FILE  # pyright: ignore[reportAttributeAccessIssue]
+    return part
+
+
+if __name__ == "__main__":
+    print(completion(sys.argv[1]))
