@@ -136,7 +136,7 @@ def _light_of(small: Values) -> Values | None:
         return None
     known = np.dstack([small, np.ones_like(luma)]) * is_paper[..., None]
 
-    sums = smoothed(known, AROUND)[is_paper]
+    sums: Any = smoothed(known, AROUND)[is_paper]
     grain = np.abs(luma[is_paper] - portable.product(sums[:, :3], LUMA) / sums[:, 3])
     if np.median(grain) < GRAIN * LEVEL:
         return None

@@ -101,7 +101,7 @@ def run_report(
 def _pixels_sha256(pixels: NDArray[np.float32]) -> str:
     """Return the digest of pixels (h, w, c): of their shape as text, and of their float32 bytes."""
     digest = hashlib.sha256(str(pixels.shape).encode())
-    digest.update(np.ascontiguousarray(pixels, "<f4"))
+    digest.update(np.ascontiguousarray(pixels, "<f4").data)
     return digest.hexdigest()
 
 
