@@ -92,7 +92,7 @@ def cbrt(value: Any) -> Any:
 
 
 def hypot(x: Any, y: Any) -> Any:
-    """Return the length of each vector (x, y), which must be below 1e150."""
+    """Return the length of each vector (x, y), which must be 0 or within 1e-150..1e150."""
     return np.sqrt(np.square(x) + np.square(y))
 
 
@@ -106,6 +106,8 @@ def product(a: Any, b: Any) -> Any:
     left = np.asarray(a, np.float64, order="C")
     right = np.asarray(b, np.float64, order="C")
     count, columns = left.shape[-1], right.size // max(len(right), 1)
+    if count != len(right):
+        raise ValueError(f"product needs as many rows as columns; got {left.shape}, {right.shape}")
     result = np.empty(left.shape[:-1] + right.shape[1:])
     _MULTIPLY(left.size // max(count, 1), count, columns, left, right, result)
     return result.astype(_dtype(a, b), copy=False)

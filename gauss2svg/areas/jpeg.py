@@ -47,7 +47,7 @@ def quality_of(picture: Floats) -> int | None:
         step = _steps(quality)[frequency]
         is_rounded = (step >= LEAST_STEP) & (np.abs(values) > step / 2)
         cosine = portable.cos(2 * np.pi * values[is_rounded] / step[is_rounded])
-        return float(cosine.sum()) / max(len(cosine) / 2, 1) ** 0.5
+        return float(cosine.sum()) / np.sqrt(max(len(cosine) / 2, 1))
 
     scores = {quality: score(quality) for quality in QUALITIES}
     best = max(QUALITIES, key=lambda quality: scores[quality])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import platform
 import sys
 from collections.abc import Callable
 from functools import lru_cache
@@ -20,6 +21,7 @@ import numpy as np
 from gauss2svg.errors import refusal
 
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+SANITIZED = "sanitized"  # the library with checks for tests, which must be asked for
 _BASE = "v2"  # the library of every x86-64 CPU, which also says what the CPU supports
 _Start = ctypes.c_char * 0  # an array's first byte, which ctypes passes faster than an address
 _NUMBERS: dict[str, Any] = {"int": ctypes.c_int64, "float": ctypes.c_double}
@@ -32,17 +34,16 @@ def _library() -> ctypes.CDLL:
     Raise InputError if the variable has another word, or if no library was built.
     """
     paths = {p.stem.removeprefix("kernels-"): p for p in Path(__file__).parent.glob(f"*{SUFFIX}")}
-    if not paths:
+    is_x86 = platform.machine().lower() in ("x86_64", "amd64")
+    usable = [name for name in sorted(paths) if (name[0] == "v") == is_x86 and name != SANITIZED]
+    if not usable:
         advice = f"`{sys.executable} -m gauss2svg.core.build` in a checkout"
         raise refusal("compiled kernels", f"in {Path(__file__).parent}", "none", advice)
-    name = os.environ.get("GAUSS2SVG_CPU")
-    usable = sorted(paths)
-    if _BASE in paths:
+    if _BASE in usable:
         best = f"v{ctypes.CDLL(str(paths[_BASE])).cpu_level()}"
         usable = [word for word in usable if word <= best]
-    if not name:
-        name = usable[-1]
-    elif name not in usable:
+    name = os.environ.get("GAUSS2SVG_CPU") or usable[-1]
+    if name not in usable and (name != SANITIZED or name not in paths):
         raise refusal("GAUSS2SVG_CPU", f"one of {', '.join(usable)} on this CPU", repr(name))
     return ctypes.CDLL(str(paths[name]))
 
@@ -76,7 +77,7 @@ class Kernel:
         This saves the checks of the arrays, which take longer than a small task.
         """
         function, values = self._converted(arguments)
-        return lambda: function(*values)
+        return lambda _kept=arguments: function(*values)
 
     def _converted(self, arguments: tuple[Any, ...]) -> tuple[Any, list[Any]]:
         real, values = None, []
@@ -93,7 +94,8 @@ class Kernel:
         name = f"{self._name}_{real}" if real else self._name
         function = self._functions.get(name)
         if function is None:
-            function = self._functions[name] = getattr(_library(), name)
+            function = getattr(_library(), name)
             function.argtypes = [_NUMBERS.get(word, ctypes.c_void_p) for word in self._words]
             function.restype = ctypes.c_int64
+            self._functions[name] = function  # last, because threads make first calls at once
         return function, values

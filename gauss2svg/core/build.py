@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
@@ -40,10 +41,11 @@ def compiler() -> list[str]:
     if find_spec("ziglang"):
         # zig would stop the process at undefined behaviour by default.
         return [sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=undefined", "-s"]
-    command = shutil.which(os.environ.get("CC", "cc"))
-    if command is None:
-        raise SystemExit("error: no C compiler. Try `pip install ziglang`, or install `cc`")
-    return [command]
+    command = shlex.split(os.environ.get("CC", "cc"))
+    if shutil.which(command[0]) is None:
+        advice = "`pip install ziglang`, or install Clang or GCC 12"
+        raise SystemExit(f"error: no C compiler {command[0]}. Try {advice}")
+    return command
 
 
 def build(folder: Path, tag: str = "") -> list[Path]:
@@ -51,6 +53,9 @@ def build(folder: Path, tag: str = "") -> list[Path]:
 
     tag: a key of TARGETS, or "" for this machine.
     """
+    if tag and tag not in TARGETS:
+        names = ", ".join(TARGETS)
+        raise SystemExit(f"error: GAUSS2SVG_WHEEL must be one of {names}; got {tag!r}")
     command, target = compiler(), TARGETS.get(tag, "")
     is_zig = "ziglang" in command
     machine = target.partition("-")[0] or platform.machine().lower()
@@ -84,7 +89,8 @@ def sanitized() -> Path:
     """Compile the kernels by `cc` with checks of memory and of undefined behaviour, for tests."""
     path = HERE / "kernels-sanitized.so"
     flags = [flag for flag in FLAGS if flag != "-O3"]
-    subprocess.run(["cc", *flags, *SANITIZED, "-o", path, *HERE.glob("*.c"), "-lm"], check=True)
+    command = shlex.split(os.environ.get("CC", "cc"))
+    subprocess.run([*command, *flags, *SANITIZED, "-o", path, *HERE.glob("*.c"), "-lm"], check=True)
     return path
 
 

@@ -446,7 +446,7 @@ class ByAreas:
             elif high < math.inf:
                 rate = math.sqrt(low * high)
             else:
-                raised = (finest.export.size / self._limit) ** STEEPNESS
+                raised = portable.power(finest.export.size / self._limit, STEEPNESS)
                 rate *= min(max(raised, LEAST_RAISE), MOST_RAISE)
             trial = self._trials.trial(self._dearer(finest, rate, shaded))
             if trial.export.size > self._limit:

@@ -393,7 +393,7 @@ def _hatching(tone: Floats, distance: float, pen: float, angle_deg: float) -> li
     it is dark between them, so that the pen stays down.
     """
     share, strokes = min(pen / distance, 1.0), list[Floats]()
-    covered = 1 - (1 - share) ** np.arange(len(_TURNS_DEG) + 1)
+    covered = 1 - portable.power(1 - share, np.arange(len(_TURNS_DEG) + 1))
     rows, columns = tone.shape
     for turn, before in zip(_TURNS_DEG, covered[:-1], strict=True):
         angle = np.radians(angle_deg + turn)

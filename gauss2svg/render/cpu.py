@@ -4,9 +4,8 @@ It computes in the dtype of its image, float32 or float64. gauss2svg/core/gaussi
 formulas.
 
 Work is counted in pair rows. A pair row is the part of one Gaussian on one row of one tile, that
-is, on 16 pixels. The kernels compute a pair row as explicit lanes (gauss2svg.render.simd). This
-takes a fifth of the time that code from LLVM's vectoriser takes, and half the time of loops over
-whole tiles (docs/decisions/kernels.md).
+is, on 16 pixels. The kernels compute a pair row as one vector of 16 lanes
+(gauss2svg/core/lanes.h).
 
 Each thread handles a share of the tiles. The work on a tile writes only the tile's own pixels and
 pairs, and the pairs of a Gaussian are always added up in the same order. So all results are the

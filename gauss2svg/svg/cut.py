@@ -144,7 +144,7 @@ def _lightness(color: str) -> float:
 def _size(ring: Any) -> float:
     """Return the area within a closed ring of points."""
     x, y = np.asarray(ring).T
-    return 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))
+    return 0.5 * abs(float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()))
 
 
 def _ellipses(scene: Scene, tolerance: float) -> Iterable[Floats]:
