@@ -34,6 +34,9 @@ def _library() -> ctypes.CDLL:
     Raise InputError if the variable has another word, or if no library was built.
     """
     paths = {p.stem.removeprefix("kernels-"): p for p in Path(__file__).parent.glob(f"*{SUFFIX}")}
+    name = os.environ.get("GAUSS2SVG_CPU")
+    if name == SANITIZED and name in paths:
+        return ctypes.CDLL(str(paths[name]))
     is_x86 = platform.machine().lower() in ("x86_64", "amd64")
     usable = [name for name in sorted(paths) if (name[0] == "v") == is_x86 and name != SANITIZED]
     if not usable:
@@ -42,8 +45,9 @@ def _library() -> ctypes.CDLL:
     if _BASE in usable:
         best = f"v{ctypes.CDLL(str(paths[_BASE])).cpu_level()}"
         usable = [word for word in usable if word <= best]
-    name = os.environ.get("GAUSS2SVG_CPU") or usable[-1]
-    if name not in usable and (name != SANITIZED or name not in paths):
+    if not name:
+        name = usable[-1]
+    elif name not in usable:
         raise refusal("GAUSS2SVG_CPU", f"one of {', '.join(usable)} on this CPU", repr(name))
     return ctypes.CDLL(str(paths[name]))
 
