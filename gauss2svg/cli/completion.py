@@ -1,9 +1,11 @@
 """Print the completion of a shell, which shtab makes: python -m gauss2svg.cli.completion bash."""
 
-import sys
 from argparse import ArgumentParser
 
-import shtab  # pyright: ignore[reportMissingImports]
+try:
+    import shtab  # pyright: ignore[reportMissingImports]
+except ImportError as error:
+    raise SystemExit("error: completion needs shtab. Try `pip install shtab`") from error
 
 from gauss2svg.cli.main import COMMANDS, command_of
 from gauss2svg.cli.parser import Parser
@@ -36,4 +38,6 @@ def _completed(part: Parser) -> Parser:
 
 
 if __name__ == "__main__":
-    print(completion(sys.argv[1]))
+    own = ArgumentParser("python -m gauss2svg.cli.completion", description=__doc__)
+    own.add_argument("shell", choices=("bash", "zsh", "fish"))
+    print(completion(own.parse_args().shell))

@@ -334,7 +334,7 @@ def crops_of(
         # The mean of this window is computed anew. If the two images are equal in the window, this
         # mean is exactly 0, but the mean in `means` may have a rounding error.
         error = squared[y : y + down, x : x + across].mean()
-        psnr = float(-10 * np.log10(error)) if error else np.inf
+        psnr = float(-10 * np.log10(error)) if error else None
         crops[kind] = {"x": x, "y": y, "width": across, "height": down, "psnr": psnr}
     return crops
 

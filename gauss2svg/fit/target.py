@@ -441,14 +441,21 @@ def _by_function(
     """Return the loss of a function and its gradient, as image_gradient does.
 
     Raise InputError if the loss is below 0, because the guard against divergence compares ratios,
-    or if the gradient has not the shape of the render.
+    if the gradient has not the shape of the render, or if a number is not finite.
     """
     pictures = [np.ascontiguousarray(np.moveaxis(one, 0, -1)) for one in (rendered, target)]
-    value, slope = loss(*pictures)
-    value, slope = float(value), np.asarray(slope, rendered.dtype)
-    if value < 0 or slope.shape != pictures[0].shape:
-        needed = f"a function that returns a loss >= 0 and its gradient {pictures[0].shape}"
+    needed = f"a function that returns a loss >= 0 and its gradient {pictures[0].shape}"
+    returned = loss(*pictures)
+    try:
+        value, slope = returned
+        value, slope = float(value), np.asarray(slope, rendered.dtype)
+    except (TypeError, ValueError, RuntimeError):
+        advice = "torch_loss(function) for a loss of tensors"
+        raise refusal("loss", needed, type(returned).__name__, advice) from None
+    if not (0 <= value < np.inf) or slope.shape != pictures[0].shape:
         raise refusal("loss", needed, f"{value:g} and a gradient {slope.shape}")
+    if not np.isfinite(slope).all():
+        raise refusal("loss", needed, "a gradient that is not finite")
     return value, np.ascontiguousarray(np.moveaxis(slope, -1, 0)) * rendered.dtype.type(slope.size)
 
 

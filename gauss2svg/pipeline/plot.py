@@ -161,9 +161,13 @@ def plotted(
     ]
     areas = [area.scaled(scale, scale) for area in scene.areas]
     found += _outlines(areas, in_line, pen_cells, 0.5 * scale)
-    for color, stroke in found:
+    for k, (color, stroke) in enumerate(found):
         tone_of_pens = tones[int(_nearest(colors, color))]
-        strokes[int(tone_of_pens.argmax()) if tone_of_pens.any() else -1].append(stroke)
+        if not tone_of_pens.any() and k >= len(lines):
+            # The outline of an area without a pen is drawn by the pen of what is around it.
+            tone_of_pens = tones[_nearest(colors, _beside(picture, stroke, pen_cells))].sum((0, 1))
+        if tone_of_pens.any():
+            strokes[int(tone_of_pens.argmax())].append(stroke)
     if plotter.hatch is not None or len(scene) >= sum(area.nodes for area in scene.areas):
         distance = plotter.hatch or 2 * plotter.pen_width
         nearest = _nearest(colors, picture)
@@ -207,6 +211,14 @@ def _pen_color(ink: Floats) -> str:
     """Return the colour #rrggbb that gives an ink where white is beside it."""
     color = 1 - (1 - ink) / max(1 - ink.min(), 1 / 255)
     return hex_color(np.round(255 * color).astype(int), short=False)
+
+
+def _beside(picture: Floats, stroke: Floats, distance: float) -> Floats:
+    """Return the colours (n, 4, 3) of a picture left, right, above and below points of a stroke."""
+    last = np.array(picture.shape[1::-1]) - 1
+    places = stroke[:, None] + distance * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])
+    x, y = np.clip(np.floor(places), 0, last).astype(int).transpose(2, 0, 1)
+    return picture[y, x]
 
 
 def _nearest(colors: Floats, picture: NDArray[np.floating]) -> NDArray[np.intp]:

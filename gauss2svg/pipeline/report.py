@@ -174,7 +174,10 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             "layers. For Inkscape, Figma and other editors give --markup editable"
         )
     if plan.options.svg.current_color and CURRENT_COLOR not in outcome.file.svg:
-        yield "--current-color has no effect, because this is no drawing of areas in one colour"
+        yield (
+            "--current-color has no effect, because this is no drawing of areas in one colour. A "
+            "background counts as a colour: cut it out first"
+        )
     if plan.sketch:
         whole = decibels(psnr(outcome.measured.raster, pixels_of(photo)))
         yield (

@@ -125,8 +125,11 @@ class Result:
 
         The SVG is the plate of the ink (see gauss2svg.plate_svg). The dict is in the order of the
         inks. The paper and inks that are not used have no plate. Raise InputError if the run had no
-        inks, and CutMissingError if `cut` needs a package that is not installed.
+        inks or if `trap` is given without `cut`, and CutMissingError if `cut` needs a package that
+        is not installed.
         """
+        if trap and not cut:
+            raise refusal("trap", "given with cut", f"{trap:g} alone", "cut=True")
         printed, regions = self._printed, self._regions if cut else None
         inks = printed[0].split(",")
 

@@ -92,6 +92,10 @@ def test_squared_error_has_no_weights_but_the_default_has(loss):
     [
         ((-1.0, np.zeros((6, 9, 3))), "loss >= 0 .* got -1"),
         ((1.0, np.zeros(3)), r"gradient \(3,\)"),
+        ((np.nan, np.zeros((6, 9, 3))), "got nan"),
+        ((1.0, np.full((6, 9, 3), np.nan)), "not finite"),
+        (1.0, "got float. Try torch_loss"),
+        ((np.zeros((6, 9, 3)), 1.0), "got tuple"),
     ],
 )
 def test_a_function_that_is_no_loss_is_refused(answer, message):

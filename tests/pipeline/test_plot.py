@@ -1,6 +1,7 @@
 """Properties of the strokes of a pen plotter: where they are, and how much paper they cover."""
 
 import re
+from dataclasses import replace
 from itertools import pairwise
 from xml.etree.ElementTree import fromstring as parse
 
@@ -184,6 +185,18 @@ def test_each_ink_but_white_has_a_pen_that_gives_its_colour_with_the_paper():
     for x, ink in ((250, brown), (750, blue)):
         part = drawn[100:900, x - 150 : x + 150].mean(axis=(0, 1))
         np.testing.assert_allclose(part, 1 - 0.875 * (1 - ink), atol=0.1)
+
+
+def test_white_areas_have_the_pen_around_them_and_white_lines_none():
+    white, red = (1.0, 1.0, 1.0), (0.75, 0.2, 0.13)
+    stripe = replace(line((20, 80), (80, 80), width=1.5), paint=white)
+    areas = box(10, 10, 90, 90, red), box(30, 30, 60, 60, white), stripe
+    plot = plot_of(of_areas(*areas), "#ffffff,#c03020,#101010")
+    (pen,) = plot.pens
+    assert pen.name == "#c03020"
+    points = np.concatenate(pen.strokes)
+    assert (np.abs(points - [45, 45]).max(axis=1) < 16).any()
+    assert not ((points[:, 1] > 75) & (points[:, 1] < 85) & (abs(points[:, 0] - 50) < 30)).any()
 
 
 def test_the_paper_is_not_drawn_and_inks_that_overprint_are_drawn_over_each_other():
