@@ -213,7 +213,7 @@ def _pen_color(ink: Floats) -> str:
     return hex_color(np.round(255 * color).astype(int), short=False)
 
 
-def _beside(picture: Floats, stroke: Floats, distance: float) -> Floats:
+def _beside(picture: NDArray[np.floating], stroke: Floats, distance: float) -> NDArray[np.floating]:
     """Return the colours (n, 4, 3) of a picture left, right, above and below points of a stroke."""
     last = np.array(picture.shape[1::-1]) - 1
     places = stroke[:, None] + distance * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])
