@@ -11,8 +11,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from gauss2svg import portable
-
 LARGEST_REDUCTION = 8  # largest factor by which a target's width and height are divided in growth
 
 # Constants of a fit's schedule (docs/decisions/fit.md).
@@ -135,6 +133,8 @@ def rate(done: float) -> float:
 
     done: progress in 0..1.
     """
+    from gauss2svg import portable  # imported here because --help does not load NumPy
+
     start = DECAY_START
     if done < start:
         return 1.0

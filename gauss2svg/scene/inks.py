@@ -13,7 +13,6 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from gauss2svg import portable
 from gauss2svg.errors import plain_scalar, quoted, refusal
 from gauss2svg.files import reading, text_of
 from gauss2svg.options import Field, file_name, hex_of
@@ -210,6 +209,7 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         return inks
     import numpy as np
 
+    from gauss2svg import portable
     from gauss2svg.without_scipy import nearest_entry, weighted_means
 
     colors, counts = _colors(pixels)
@@ -263,6 +263,7 @@ def oklab(colors: NDArray[np.floating]) -> _Numbers:
     """Return L, a and b (.., 3) of sRGB colours (.., 3) in 0..1."""
     import numpy as np
 
+    from gauss2svg import portable
     from gauss2svg.photo.pixels import linear_light
 
     cones = portable.product(linear_light(colors), np.transpose(_TO_CONES))

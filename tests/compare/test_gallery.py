@@ -141,7 +141,7 @@ def test_svg_and_report_are_those_of_the_command_line(gallery, tmp_path):
     assert one.keys() == other.keys()
     assert {key for key in one if one[key] != other[key]} <= {
         "fit_s", "fit_cpu_s", "total_s", "threads", "max_memory", "max_pixels",
-        "full_size",  # of a gallery always
+        "full_size", "options_sha256",  # of a gallery always
     }  # fmt: skip
 
 
