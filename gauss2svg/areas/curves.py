@@ -57,6 +57,18 @@ def sampled(segments: Floats, curved: Bools, count: Ints) -> Floats:
     return (basis.T[..., None] * segments[owner]).sum(axis=1)
 
 
+def fitted_curve(points: Floats) -> Floats:
+    """Return the cubic (4, 2) that is closest to a run of points (n, 2)."""
+    n = len(points)
+    segment, curved, error, size = np.empty((1, 4, 2)), np.empty(1, bool), *np.empty((2, 1))
+    ends = np.array([0]), np.array([n - 1])
+    _fit_runs(
+        n, points, np.ones(n), 0.0, np.empty(2 * n + 2), 1, *ends, True, 1.0, 0.0, segment, curved,
+        error, size,
+    )  # fmt: skip
+    return segment[0]
+
+
 class _Fit(NamedTuple):
     """A segment (4, 2), the weighted squared error of the points of a piece, and its bytes."""
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gauss2svg import portable
 from gauss2svg.areas.evened import with_even_photos, without_shading
 from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.areas.kinks import without_kinks
 from gauss2svg.areas.layers import join_touching, masks_of
 from gauss2svg.areas.letters import add_letters
 from gauss2svg.areas.merge import merged, with_caps, without_cheap
@@ -33,6 +34,7 @@ FIRST_RATE = 0.004  # squared error for a byte below which a layer is not even r
 EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas
 LEAST_ERROR = 1e-12  # mean squared error of an exact picture, for its PSNR
 BAND = 64  # rows of a picture that are compared at once, because this takes memory
+EDGE = 0.06  # px from an edge of the page within which a point lies on it, so that no seam shows
 LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 
 
@@ -133,6 +135,7 @@ def refined(
         refine(later)
     drawing = drawing.with_layers(without_cheap(drawing, unit, rate))
     drawing = drawing.with_layers(with_caps(drawing, rate))
+    drawing = drawing.with_layers(without_kinks(drawing))
     refine(later)
     return so_far()
 
@@ -267,6 +270,13 @@ def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
     return FoundAreas(areas, background, explained, psnr, find_s, refine_s, drawing)
 
 
+def on_page(segments: Floats, width: int, height: int) -> Floats:
+    """Return segments (k, 4, 2) whose points beside an edge of the page lie on that edge."""
+    for edge in np.zeros(2), np.array([width, height]):
+        segments = np.where(np.abs(segments - edge) <= EDGE, edge, segments)
+    return segments
+
+
 def shown_areas(drawing: Drawing) -> tuple[tuple[Area, ...], tuple[float, float, float] | None]:
     """Return the areas of a drawing as they are now, and the colour below them."""
     h, w, channels = drawing.shape
@@ -276,7 +286,9 @@ def shown_areas(drawing: Drawing) -> tuple[tuple[Area, ...], tuple[float, float,
         opacity = round(paint.opacity, 2)
         color = np.clip(paint.color.reshape(-1, 3).mean(axis=0) / paint.opacity, 0, 1)
         shown = paint.gradient or tuple(np.round(color * 255) / 255)
-        outlines = tuple(Outline.of_segments(p.segments, p.curved, p.closed) for p in layer.paths)
+        outlines = tuple(
+            Outline.of_segments(on_page(p.segments, w, h), p.curved, p.closed) for p in layer.paths
+        )
         areas.append(Area(outlines, shown, opacity, layer.width, CAPS[layer.cap]))
     background = None
     if channels == 3:
