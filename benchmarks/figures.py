@@ -455,24 +455,60 @@ def extremes() -> Figure:
 
 
 def start(folder: Path) -> None:
-    """Write the pictures of the start page's slider, and the lines that show them."""
+    """Write the pictures of the start page's two sliders, and the lines that show them."""
     photo = load_image(COFFEE).pixels
-    results = [vectorize(photo, gaussians=count) for count in COUNTS]
+    by_count = {f"{count}": vectorize(photo, gaussians=count) for count in COUNTS}
     pattern = "{gaussians} shapes: {kB:.0f} kB, {gz:.0f} kB gzipped, PSNR {psnr_svg:.1f} dB"
-    frames = "\n".join(f"<li>{said(result, pattern)}</li>" for result in results)
-    for count, result in zip(COUNTS, results, strict=True):
-        (folder / f"{count}.webp").write_bytes(encoded(result.raster, "WEBP", quality=80, method=6))
-    height, width = photo.shape[:2]
-    last = len(COUNTS) - 1
-    (folder / "start.inc").write_text(f"""<figure class="start" id="start">
-<img src="_static/start/{COUNTS[-1]}.webp" width="{width}" height="{height}" \
-alt="A cup of coffee on a wooden table, drawn by soft shapes">
-<label hidden>Few to many shapes <input type="range" min="0" max="{last}" value="{last}"></label>
-<ol data-frames="{" ".join(map(str, COUNTS))}">
-{frames}
+    coffee_slider = slider(
+        folder,
+        "A cup of coffee on a wooden table, drawn by soft shapes",
+        "Few to many shapes",
+        {name: (one.raster, said(one, pattern)) for name, one in by_count.items()},
+    )
+    enlarged_logo = slider(
+        folder,
+        "Three letters and a bow of a round logo, enlarged eight times",
+        "A logo of 256 px, eight times as large: its pixels, vtracer, gauss2svg",
+        {f"logo-{name}": shown for name, shown in logo_frames().items()},
+    )
+    (folder / "start.inc").write_text(coffee_slider + enlarged_logo)
+
+
+def slider(folder: Path, alt: str, label: str, frames: dict[str, tuple[Pixels, str]]) -> str:
+    """Write the pictures of a slider by their names, and return its HTML, which shows the last.
+
+    A picture stands beside the line that describes it.
+    """
+    for name, (pixels, _) in frames.items():
+        (folder / f"{name}.webp").write_bytes(encoded(pixels, "WEBP", quality=80, method=6))
+    *_, (name, (pixels, _)) = frames.items()
+    height, width = pixels.shape[:2]
+    last = len(frames) - 1
+    lines = "\n".join(f"<li>{line}</li>" for _, line in frames.values())
+    return f"""<figure class="start">
+<img src="_static/start/{name}.webp" width="{width}" height="{height}" alt="{alt}">
+<label hidden>{label} <input type="range" min="0" max="{last}" value="{last}"></label>
+<ol data-frames="{" ".join(frames)}">
+{lines}
 </ol>
 </figure>
-""")
+"""
+
+
+def logo_frames() -> dict[str, tuple[Pixels, str]]:
+    """Return part of a logo at eight times its 256 px, with a line: pixels, vtracer, gauss2svg."""
+    import vtracer  # pyright: ignore[reportMissingImports]
+
+    logo = rasterize((PICTURES / "badge.svg").read_text(), 256, 256)
+    result = vectorize(logo)
+    traced = vtracer.convert_raw_image_to_svg(encoded(logo, "PNG"), img_format="png")
+    pattern = "gauss2svg: {kB:.1f} kB, {area_count} areas, {line_count} lines"
+    large = {
+        "pixels": (enlarged(logo, 8, Image.Resampling.NEAREST), "256 x 256 pixels"),
+        "vtracer": (drawn(traced, 2048, 2048), f"vtracer: {len(traced) / 1000:.1f} kB"),
+        "gauss2svg": (rasterize(result.svg, 2048, 2048), said(result, pattern)),
+    }
+    return {name: (one[820:1220, 620:1220], line) for name, (one, line) in large.items()}
 
 
 def results(folder: Path) -> None:
@@ -499,16 +535,15 @@ def results(folder: Path) -> None:
 
 
 def readme(_: Path) -> None:
-    """Write the README's picture: few and many shapes, the photo, and a part of each at 4x."""
+    """Write the README's picture: a photo by soft shapes, and part of a logo at 8x."""
     photo = load_image(COFFEE).pixels
-    height, width = photo.shape[:2]
-    found = [vectorize(photo, gaussians=count) for count in (200, 5000)]
-    large = [rasterize(r.svg, 4 * width, 4 * height) for r in found]
-    large.append(enlarged(photo, 4, Image.Resampling.NEAREST))
-    near = [part(one, 0.47, 0.5, 0.25) for one in large]
-    titles = [said(r, "{gaussians} shapes, {kB:.0f} kB ({gz:.0f} gzipped)") for r in found]
-    titles += ["the photo", *["4 times as large"] * 3]
-    figure = tiles([*(r.raster for r in found), photo, *near], titles, columns=3)
+    results = [vectorize(photo, gaussians=count) for count in (200, 5000)]
+    titles = [said(r, "{gaussians} shapes, {gz:.0f} kB gzipped") for r in results]
+    large = logo_frames()
+    names = {"pixels": "a logo, 8 times as large", "vtracer": "vtracer", "gauss2svg": "gauss2svg"}
+    titles += ["the photo", *names.values()]
+    pictures = [*(r.raster for r in results), photo, *(large[name][0] for name in names)]
+    figure = tiles(pictures, titles, columns=3)
     for axis in figure.axes:
         axis.title.set_fontsize(9)
     png(figure, 180).save(ROOT / "examples/showcase.jpg", quality=85)

@@ -8,23 +8,24 @@ addEventListener("DOMContentLoaded", () => {
   }
 });
 
-// The start page's picture: without this script its last frame.
+// The start page's sliders: without this script each shows its last frame.
 addEventListener("DOMContentLoaded", () => {
-  const start = document.getElementById("start");
-  const image = start?.querySelector("img"), lines = [...start?.querySelectorAll("li") ?? []];
-  const frames = start?.querySelector("ol")?.dataset.frames?.split(" ");
-  const label = start?.querySelector("label"), slider = start?.querySelector("input");
-  if (!image || !frames || !label || !slider) return;
-  /** @param {number} k */
-  const address = (k) => image.src.replace(/\d+(?=\.webp)/, frames[k]);
-  const show = () => {
-    const k = Number(slider.value);
-    image.src = address(k);
-    slider.ariaValueText = lines[k].textContent;
-    for (const [n, line] of lines.entries()) line.hidden = n !== k;
-  };
-  for (const k of lines.keys()) new Image().src = address(k);
-  slider.addEventListener("input", show);
-  label.hidden = false;
-  show();
+  for (const figure of document.querySelectorAll("figure.start")) {
+    const image = figure.querySelector("img"), lines = [...figure.querySelectorAll("li")];
+    const frames = figure.querySelector("ol")?.dataset.frames?.split(" ");
+    const label = figure.querySelector("label"), slider = figure.querySelector("input");
+    if (!image || !frames || !label || !slider) continue;
+    /** @param {number} k */
+    const address = (k) => image.src.replace(/[^/]+(?=\.webp)/, frames[k]);
+    const show = () => {
+      const k = Number(slider.value);
+      image.src = address(k);
+      slider.ariaValueText = lines[k].textContent;
+      for (const [n, line] of lines.entries()) line.hidden = n !== k;
+    };
+    for (const k of lines.keys()) new Image().src = address(k);
+    slider.addEventListener("input", show);
+    label.hidden = false;
+    show();
+  }
 });
