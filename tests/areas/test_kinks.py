@@ -1,5 +1,7 @@
 """Kinks of outlines go where the picture does not need them, and corners stay."""
 
+import itertools
+
 import numpy as np
 
 from gauss2svg.areas.kinks import without_kinks
@@ -13,7 +15,7 @@ PICTURE = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 60 40">
 
 
 def line(*nodes):
-    return [np.array([a, a, b, b], float) for a, b in zip(nodes, nodes[1:], strict=False)]
+    return [np.array([a, a, b, b], float) for a, b in itertools.pairwise(nodes)]
 
 
 def drawing_of(segments, curved, svg):
