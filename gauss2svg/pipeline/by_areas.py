@@ -72,6 +72,9 @@ from gauss2svg.scene.areas import Area, AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, SvgFormat
 from gauss2svg.svg.write import ordered_svg
 
+# Units of a page's longer side. Cairo, and with it librsvg and CairoSVG, draws linear gradients as
+# one colour where coordinates reach 2^15 units.
+MOST_UNITS = 20480
 # Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
 # that is left along outlines save squared error too.
 PRICE_OF_NOISE = 2.5 * 255
@@ -121,7 +124,8 @@ class ByAreas:
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
         precision = plan.options.svg.precision
         if precision is None:
-            precision = min(max(scale * UNIT, LEAST_PRECISION), MOST_PRECISION)
+            least = max(LEAST_PRECISION, max(subject.canvas) / MOST_UNITS)
+            precision = min(max(scale * UNIT, least), MOST_PRECISION)
             plan = dataclasses.replace(plan, options=plan.options.changed(precision=precision))
         self._noise, self._noisy, self._quality = noise_of(subject.working), subject.working, None
         if self._noise:

@@ -502,3 +502,12 @@ def test_a_photo_in_a_poster_is_one_area_below_gaussians():
     assert psnr(result.raster[photo], poster[photo]) > psnr(areas[photo], poster[photo]) + 10
     assert 255 * np.abs(result.raster - poster)[page].max() < 5
     assert result.report["psnr_svg"] > 35.2  # as close as the preset asks for without areas
+
+
+def test_cairo_draws_the_gradients_of_a_large_drawing():
+    rows = np.linspace(0, 1, 400)[:, None]
+    sky = np.stack([0.2 + 0.6 * rows, 0.3 + 0.2 * rows, 0.9 - 0.5 * rows], axis=-1)
+    picture = np.repeat(sky, 1100, axis=1)
+    picture[300:, 300:] = [0.1, 0.3, 0.1]
+    result = vectorize(np.float32(picture))
+    assert psnr(rasterize(result.svg, 1100, 400, "cairo"), picture) > 40
