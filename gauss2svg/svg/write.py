@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from gauss2svg.svg.encode import Drawing
 
 MARK_MARGIN = 12.0  # mm around a plate, in which its marks and its name are
+ALMOST_BLACK = 8  # of 255: an icon with no larger channel is black for a page that sets its colour
 OUTLINE_WIDTH = 0.5  # default width of a stroke, in px
 _PORTABLE = "the alpha-composited form (--portable)"
 
@@ -120,16 +121,20 @@ def _in_current_color(svg: str, scene: Scene) -> str:
 
     The file of a scene with other colours or with Gaussians is returned as it is.
     """
-    paints = {area.paint for area in scene.areas if isinstance(area.paint, tuple)}
-    texts = {hex_color([round(255 * level) for level in paint]) for paint in paints}
-    ground = "" if scene.transparent else hex_color(round(255 * v) for v in scene.background)
-    has_others = len(scene) or any(not isinstance(area.paint, tuple) for area in scene.areas)
-    if has_others or len(texts - {ground}) != 1:
+    paints = {area.paint for area in scene.areas}
+    levels = {tuple(round(255 * v) for v in paint) for paint in paints if isinstance(paint, tuple)}
+    if not scene.transparent:
+        levels.discard(tuple(round(255 * v) for v in scene.background))
+    has_others = len(scene) or any(not isinstance(paint, tuple) for paint in paints)
+    if has_others or len(levels) != 1:
         return svg
-    (color,) = texts - {ground}
+    (level,) = levels
+    color = hex_color(level)
     svg = re.sub(f'(fill|stroke)="{color}"', rf"\1{CURRENT_COLOR}", svg)
-    # Minimal markup has no black fills, because black is the default.
-    root = f"<svg fill{CURRENT_COLOR}" if color == "#000" else f'<svg color="{color}"'
+    # A black icon takes the colour of its page. Minimal markup has no black fills, because black is
+    # the default.
+    is_black = max(level) <= ALMOST_BLACK
+    root = f"<svg fill{CURRENT_COLOR}" if is_black else f'<svg color="{color}"'
     return svg.replace("<svg", root, 1)
 
 

@@ -385,6 +385,13 @@ def test_a_drawing_of_one_colour_has_it_at_the_root_alone(markup, color, clear):
     assert write_svg(two, svg_format) == write_svg(two, SvgFormat(markup=markup))
 
 
+def test_an_almost_black_icon_takes_the_colour_of_its_page():
+    areas = [dataclasses.replace(a, paint=(1 / 255, 0, 2 / 255)) for a in random_areas(3, 2)]
+    svg = write_svg(Scene(40, 30, areas=areas, transparent=True), SvgFormat(current_color=True))
+    assert 'fill="currentColor"' in svg
+    assert " color=" not in svg
+
+
 @pytest.mark.parametrize("body", REFUSED)
 def test_areas_that_a_scene_cannot_have_are_refused_in_one_line(body):
     with pytest.raises(InputError, match=REFUSED[body]) as caught:
