@@ -99,6 +99,10 @@ PRESETS = {
     "max":      Preset(0.0004, 44, 30000, 0.2, 0.0,   800, 2048, 10, 0.01, 3),
 }  # fmt: skip
 DEFAULT_PRESET = "balanced"
+# A photo whose mean colour alone is closer than this is faint: at the usual PSNRs it would lose
+# what is seen in it. The mean colours of eight Kodak photos have 9 to 16 dB.
+FAINT_PSNR = 22.0
+FAINT_STOP = 46.0  # largest PSNR (dB) at which growth stops later for a faint photo
 
 CAP_FOR_TARGET = 50000  # largest number of Gaussians in a run with a target, for every preset
 # PSNR (dB) above which adding Gaussians makes no visible difference. An error of half a level of
@@ -110,6 +114,14 @@ NOTHING_TO_GAIN = 58.0
 # a file within a budget has the digits and stops of the first preset here whose PSNR it reaches.
 # FINE_FROM is for a budget of seconds alone, and FINE_BYTES_FROM for a budget with a byte limit.
 FINE_FROM, FINE_BYTES_FROM = (("max", 46.0), ("high", 40.0)), (("high", 44.0),)
+
+
+def faintness_of(pixels: NDArray[np.float32]) -> float:
+    """Return by how many dB the mean colour of a photo (h, w, c) is closer than FAINT_PSNR."""
+    variance = float(pixels.reshape(-1, pixels.shape[2])[:, :3].var(axis=0, dtype=float).mean())
+    if variance == 0:
+        return 0.0
+    return round(max(0.0, -10 * portable.log10(variance) - FAINT_PSNR), 1)
 
 
 def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = False) -> Preset:
@@ -188,6 +200,7 @@ class Plan:
     is_small   whether the photo's longest side is at most WHOLE_SIDE px, False before it is read
     starts     whether the run starts with a scene. No search by bytes can begin with one
     has_areas  whether the photo is drawn by areas if the option is auto, False before it is read
+    faintness  dB by which growth stops later, because the photo is dark or pale all over
     rate       squared error that each byte of a shape above areas must save, else 0
     has_focus  whether the run has a mask. Without one, focus_strength is refused
     sketch     paper and ink as "#rrggbb,#rrggbb", in which a sketch is drawn by areas alone. It is
@@ -203,6 +216,7 @@ class Plan:
     is_small: bool = False
     starts: bool = False
     has_areas: bool = False
+    faintness: float = 0.0
     rate: float = 0.0
     has_focus: bool = False
     sketch: str = ""
@@ -287,7 +301,7 @@ class Plan:
         is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
         may = svg.areas == AUTO and self.may_be_exact
         return dataclasses.replace(
-            self, options=options, is_small=is_small,
+            self, options=options, is_small=is_small, faintness=faintness_of(pixels),
             has_areas=self.has_areas or (may and may_have_areas(pixels)),
         )  # fmt: skip
 
@@ -308,7 +322,9 @@ class Plan:
         goal = self.goal
         if self.is_budget:
             return budget_preset(self.uncompressed_limit, goal.time_limit, self.in_inks)
-        return PRESETS[goal.quality or DEFAULT_PRESET]
+        usual = PRESETS[goal.quality or DEFAULT_PRESET]
+        stop = min(usual.stop_psnr + self.faintness, max(usual.stop_psnr, FAINT_STOP))
+        return dataclasses.replace(usual, stop_psnr=stop)
 
     @property
     def is_budget(self) -> bool:

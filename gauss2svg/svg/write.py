@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gauss2svg.svg.encode import Drawing
 
 MARK_MARGIN = 12.0  # mm around a plate, in which its marks and its name are
-ALMOST_BLACK = 8  # of 255: an icon with no larger channel is black for a page that sets its colour
+ALMOST_BLACK = 8  # largest channel, in 0..255, of an icon whose colour counts as black
 OUTLINE_WIDTH = 0.5  # default width of a stroke, in px
 _PORTABLE = "the alpha-composited form (--portable)"
 
