@@ -42,15 +42,15 @@ from gauss2svg.areas.scenes import as_rasterized, refined_areas
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import shrunk
-from gauss2svg.pipeline.area_colors import with_shared_colors, with_solved_colors
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Exporter
-from gauss2svg.pipeline.films import kept
-from gauss2svg.pipeline.inked import (
-    LEAST_EXPLAINED,
+from gauss2svg.pipeline.found import (
     areas_in_inks,
     found_in_inks,
+    kept,
     picture_in_inks,
+    with_shared_colors,
+    with_solved_colors,
 )
 from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
@@ -91,6 +91,7 @@ FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 EDGE_BYTES = 4.0  # bytes of areas for each px of the edges between regions
+LEAST_EXPLAINED = 0.9  # share of a drawing in inks that areas draw. A photo in it has bands else
 IN_INKS = 25.0  # least PSNR in dB of areas in inks. Narrow bands seem to be a gradient of one ink
 FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
 QUICK = 3 * 256 * 256  # values of a picture whose areas are found in half a second

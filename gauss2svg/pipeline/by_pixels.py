@@ -14,7 +14,7 @@ from gauss2svg.areas.find import FoundAreas
 from gauss2svg.areas.pixels import Sprite, areas_of_sprite
 from gauss2svg.fit import FitResult
 from gauss2svg.measure.roundtrip import round_trip
-from gauss2svg.pipeline.inked import sprite_in_inks
+from gauss2svg.pipeline.found import sprite_in_inks
 from gauss2svg.pipeline.options import AUTO
 from gauss2svg.pipeline.outcome import Export, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan

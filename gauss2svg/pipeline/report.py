@@ -21,14 +21,13 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.photo.pixels import Photo, over, pixels_of
 from gauss2svg.pipeline.budgets import measured_size
-from gauss2svg.pipeline.inked import far_colors
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.scene.inks import ink_colors, inks_in, printed_colors
+from gauss2svg.scene.inks import ink_colors, ink_name, inks_in, oklab, printed_colors
 from gauss2svg.svg import CURRENT_COLOR, MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
@@ -190,7 +189,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
         unused = ", ".join(ink for ink in printed[0].split(",") if ink not in used)
         if unused:
             yield f"not used: {unused} of the inks, because other inks are closer everywhere"
-    if plan.printed and (far := far_colors(outcome.measured.raster, outcome.subject.photo)):
+    if plan.printed and (far := _far_colors(outcome.measured.raster, outcome.subject.photo)):
         overprint = plan.printed[2]
         mixed = "" if overprint and overprint > 1 else ", or --overprint 3 if they may mix"
         yield f"{far}. Try inks of its colours, such as those of --inks 4{mixed}"
@@ -201,6 +200,31 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             f"--learning-rate {rate:g} is too large for this picture. The fit diverged, went back "
             f"to its best state and ended with {outcome.fitted.rate:.3g}"
         )
+
+
+def _far_colors(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> str:
+    """Return a sentence on how much of a photo its inks are far from, or "" if it is little.
+
+    It compares the mean colours of blocks, 24 along the longer side (docs/decisions/inks.md).
+
+    raster, photo  (h, w, 3), or (h, w, 4) with alpha, in 0..1
+    """
+    height, width = photo.shape[:2]
+    side = max(1, round(max(height, width) / 24))
+    rows, columns = max(1, height // side), max(1, width // side)
+
+    def blocks(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+        cut = over(pixels)[: rows * side, : columns * side].astype(np.float64)
+        return cut.reshape(rows, len(cut) // rows, columns, -1, 3).mean(axis=(1, 3))
+
+    drawn, wanted = blocks(raster), blocks(photo)
+    is_far = np.square(oklab(drawn) - oklab(wanted)).sum(axis=2) > 0.15**2  # in Oklab
+    if (share := is_far.mean()) < 0.2:
+        return ""
+    drawn, wanted = drawn[is_far], wanted[is_far]
+    usual = np.square(wanted - wanted.mean(axis=0)).sum(axis=1).argmin()
+    example = f"{ink_name(wanted[usual])} of the photo is {ink_name(drawn[usual])}"
+    return f"the inks are far from {100 * share:.0f} % of the photo. For example, {example}"
 
 
 def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:

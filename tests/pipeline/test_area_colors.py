@@ -9,7 +9,7 @@ from scenes import random_scene
 from gauss2svg.areas.find import FoundAreas
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.pixels import stacked
-from gauss2svg.pipeline.area_colors import with_shared_colors, with_solved_colors
+from gauss2svg.pipeline.found import with_shared_colors, with_solved_colors
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import Area, LinearGradient, Outline, RadialGradient
