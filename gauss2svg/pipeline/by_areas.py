@@ -43,7 +43,6 @@ from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import shrunk
 from gauss2svg.pipeline.by_count import ByCount
-from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.found import (
     areas_in_inks,
     found_in_inks,
@@ -54,7 +53,7 @@ from gauss2svg.pipeline.found import (
 )
 from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
-from gauss2svg.pipeline.outcome import Export, Outcome, Subject
+from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.trials import (

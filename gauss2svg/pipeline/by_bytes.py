@@ -42,8 +42,7 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.metrics import psnr_of
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, shrunk, views
-from gauss2svg.pipeline.export import filled
-from gauss2svg.pipeline.outcome import Export, Outcome, Subject, without_gaussians
+from gauss2svg.pipeline.outcome import Export, Outcome, Subject, filled, without_gaussians
 from gauss2svg.pipeline.palette import Rows
 from gauss2svg.pipeline.plan import (
     INDISTINGUISHABLE,

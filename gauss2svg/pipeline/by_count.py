@@ -19,9 +19,8 @@ from gauss2svg import portable
 from gauss2svg.fit import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import DensificationPolicy, FitSession
 from gauss2svg.photo.pixels import over
-from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.limits import Limits
-from gauss2svg.pipeline.outcome import Export, Outcome, Subject
+from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import ADD, Scene

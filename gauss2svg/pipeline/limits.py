@@ -41,8 +41,7 @@ from gauss2svg.fit import schedule
 from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.measure import PSNR, Search
 from gauss2svg.pipeline.budgets import TimeBudget
-from gauss2svg.pipeline.export import Exporter
-from gauss2svg.pipeline.outcome import Export
+from gauss2svg.pipeline.outcome import Export, Exporter
 from gauss2svg.pipeline.plan import (
     CAP_FOR_TARGET,
     GZIPPED_SHARE,

@@ -19,7 +19,6 @@ from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.session import FitSession, Snapshot
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.budgets import TimeBudget
-from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.limits import (
     CONVERGES_ABOVE,
     CONVERGES_AFTER,
@@ -29,7 +28,7 @@ from gauss2svg.pipeline.limits import (
     Limits,
 )
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.outcome import Exporter, Subject
 from gauss2svg.pipeline.plan import PRESETS, USUAL_BYTES, Plan
 from gauss2svg.render import render
 from gauss2svg.svg.write import write_svg

@@ -6,9 +6,8 @@ from scenes import random_scene, random_sum
 
 from gauss2svg.measure.hue import local_hue_error
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.outcome import Exporter, Subject
 from gauss2svg.pipeline.palette import LARGEST_CHANGE, best_palette, quantize
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render import render

@@ -14,9 +14,8 @@ from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics
 from gauss2svg.measure.perceptual import ssimulacra2
 from gauss2svg.pipeline import plan
-from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.options import Goal, Options
-from gauss2svg.pipeline.outcome import Export, Subject
+from gauss2svg.pipeline.outcome import Export, Exporter, Subject
 from gauss2svg.pipeline.report import unreached
 from gauss2svg.raster import rasterize, rasterize_like
 from gauss2svg.render import render
