@@ -74,28 +74,19 @@ from gauss2svg.svg.write import ordered_svg
 # Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
 # that is left along outlines save squared error too.
 PRICE_OF_NOISE = 2.5 * 255
-# Searches whose areas tell what JPEG changed, and the share of the noise that is left without this
-DECODINGS, LEFT = 2, 0.45
+DECODINGS = 2  # searches whose areas tell what JPEG changed
 TRIES = 6  # largest number of rates that are tried, or half of it if no file is within the limit
-FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
-# If a file is k times as large as the limit, the rate is multiplied by k ** STEEPNESS, but by at
-# least LEAST_RAISE and at most MOST_RAISE.
-STEEPNESS, LEAST_RAISE, MOST_RAISE = 8.0, 3.0, 300.0
+# If a file is k times as large as the limit, the rate is multiplied by about k ** STEEPNESS.
+STEEPNESS = 8.0
 LESS = 8.0  # factor on the rate as long as a file reaches the target
-BETWEEN = 0.2  # share of a search between two reports of its progress
 # A picture is searched without its shading only if it then has less than this share of the areas. A
 # start keeps its nodes unless its file without those that do not pay has less than this share of
 # the bytes, as after a tracer.
 FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
-LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 EDGE_BYTES = 4.0  # bytes of areas for each px of the edges between regions
 LEAST_EXPLAINED = 0.9  # share of a drawing in inks that areas draw. A photo in it has bands else
-IN_INKS = 25.0  # least PSNR in dB of areas in inks. Narrow bands seem to be a gradient of one ink
 FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
-QUICK = 3 * 256 * 256  # values of a picture whose areas are found in half a second
-# A picture with more even cores is no drawing. A smaller one may have fewer of them.
-MOST_CORES, PIXELS_EACH_CORE, LEAST_CORES = 800, 100, 100
 
 
 class _StoppedError(Exception):
@@ -146,8 +137,8 @@ class ByAreas:
             start = subject.start.select([]).replace(areas=areas)
             self._subject = dataclasses.replace(subject, start=start)
         self._start = self._subject.start  # scene whose unchanged areas stay as they are
-        width, height = subject.size
-        most = min(MOST_CORES, max(width * height // PIXELS_EACH_CORE, LEAST_CORES))
+        # A picture with more even cores is no drawing. A smaller one may have fewer of them.
+        most = min(800, max(math.prod(subject.size) // 100, 100))
         self._most_cores = None if plan.prefers_areas else most
 
     def run(self) -> Outcome:
@@ -185,8 +176,9 @@ class ByAreas:
         # If the search for shapes alone is stopped at once, this is the file.
         goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
         is_free = goal.time_limit is None and self._plan.aim is None
-        if self._is_lost and (run.ended or is_only or is_free) and not self._plan.sketch:
-            trial = self._trials.in_short()
+        is_short = (run.ended or is_only or is_free) and not self._plan.sketch
+        if trial is None:
+            trial = self._trials.in_short() if is_short else self._trials.blank()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         reason = "max_bytes" if self._is_cut else "gain"
         reason = run.end_reason(reason, self._is_late)
@@ -204,7 +196,7 @@ class ByAreas:
             plan = dataclasses.replace(plan, options=options)
         both = ByCount(plan, above, run).run()
         above.release()
-        is_closer = self._psnr(both) >= self._psnr(alone) + LEAST_GAIN or self._plan.aim is not None
+        is_closer = self._psnr(both) >= self._psnr(alone) + 0.02 or self._plan.aim is not None
         if alone.file.size <= self._limit and not is_closer:
             fitted = alone.fitted.after(both.fitted, run.end_reason(reason))
             alone = dataclasses.replace(alone, fitted=fitted)
@@ -220,7 +212,7 @@ class ByAreas:
 
     def _decode(self, quality: int) -> None:
         """Take out of the picture what JPEG of this quality changed, as its areas tell."""
-        noise = LEFT * self._noise
+        noise = 0.45 * self._noise  # what is left of it
         for _ in range(DECODINGS):
             found = self._found(self._areas)
             if self._ends() or found.drawing is None:
@@ -321,41 +313,37 @@ class ByAreas:
         areas = as_rasterized(picture, found.areas, found.background, rasterize, code)
         if areas is found.areas:
             return trial
-        scene = ground.replace(areas=areas)
+        new = self._with_areas(trial, areas)
+        worse = has_shapes and self._raster_psnr(new.export) < self._raster_psnr(trial.export)
+        return trial if worse or new.export.size > self._limit else new
+
+    def _with_areas(self, trial: Trial, areas: tuple[Area, ...]) -> Trial:
+        """Return a trial with other areas, and without Gaussians."""
+        scene = trial.ground.select([]).replace(areas=areas)
+        found = dataclasses.replace(trial.found, areas=areas)
         export = self._exporter.unscored(scene)
-        if export.size > self._limit:
-            return trial
-        if has_shapes and self._raster_psnr(export) < self._raster_psnr(trial.export):
-            return trial
-        found = dataclasses.replace(found, areas=areas)
         return dataclasses.replace(trial, found=found, ground=scene, export=export)
 
     def _steady(self, trial: Trial) -> Trial:
         """Return a trial whose areas are those of the start where these draw the same."""
-        start, ground, photo = self._scaled_start(), trial.ground, self._subject.photo
+        start, ground = self._scaled_start(), trial.ground
+        values = 3 * math.prod(self._subject.photo.shape[:2])
         if start is None or len(ground) or len(start) or self._ends():
             return trial
 
         def error_of(areas: tuple[Area, ...]) -> float:
             export = self._exporter.unscored(ground.replace(areas=areas))
-            if export.size > self._limit:
-                return math.inf
-            return (
-                3 * math.prod(photo.shape[:2]) * portable.power(10, -self._raster_psnr(export) / 10)
-            )
+            error = portable.power(10, -self._raster_psnr(export) / 10)
+            return math.inf if export.size > self._limit else values * error
 
-        areas = kept(ground.areas, start.areas, error_of)
-        found = dataclasses.replace(trial.found, areas=areas)
-        scene = ground.replace(areas=found.areas)
-        export = self._exporter.unscored(scene)
-        return dataclasses.replace(trial, found=found, ground=scene, export=export)
+        return self._with_areas(trial, kept(ground.areas, start.areas, error_of))
 
     def _raster_psnr(self, export: Export) -> float:
         """Return the PSNR (dB) of the raster of a file against the photo."""
         return self._subject.psnr(self._exporter.raster(export.svg), self._subject.photo)
 
-    def _best(self) -> Trial:
-        """Return the trial whose areas the file gets."""
+    def _best(self) -> Trial | None:
+        """Return the trial whose areas the file gets, or None if it gets no areas."""
         first = self._found(self._searched, self._so_far)
         start = self._scaled_start()
         if start is not None and not self._ends():
@@ -366,17 +354,16 @@ class ByAreas:
                 first = self._found(self._searched, first)
         self._is_lost |= self._has_strips and self._ends()
         if self._is_lost:
-            return self._trials.trial(nothing(self._subject.working), 0)
+            return None
         trials, is_shaded = list[Trial](), self._has_strips
         is_limited = self._limit < math.inf
         if not is_shaded:
             trials = [self._trials.trial(first)]
-            if (
-                self._plan.in_inks
-                and trials[0].error > portable.power(10, -IN_INKS / 10) * self._trials.values
-            ):
+            # At a PSNR below 25 dB, narrow bands of inks seem to be a gradient of one.
+            far = portable.power(10, -2.5) * self._trials.values
+            if self._plan.in_inks and trials[0].error > far:
                 self._is_lost = True
-                return self._trials.trial(nothing(self._subject.working), 0)
+                return None
             is_seen = self._fills and self._trials.is_visible(trials[0].error)
             is_shaded = trials[0].shaded or is_seen
         if self._subject.start is not None and not self._ends():
@@ -397,7 +384,7 @@ class ByAreas:
             with suppress(_NoFewerError):
                 found = self._found(lambda p: self._unshaded(p, count), so_far, loses)
                 if self._is_lost:
-                    return self._trials.trial(nothing(self._subject.working), 0)
+                    return None
                 trial = self._trials.trial(found)
                 trials.append(dataclasses.replace(trial, cost=trial.cost / STRIPS))
         within = [trial for trial in trials if trial.export.size <= self._limit]
@@ -447,7 +434,7 @@ class ByAreas:
                 rate = math.sqrt(low * high)
             else:
                 raised = portable.power(finest.export.size / self._limit, STEEPNESS)
-                rate *= min(max(raised, LEAST_RAISE), MOST_RAISE)
+                rate *= min(max(raised, 3.0), 300.0)
             trial = self._trials.trial(self._dearer(finest, rate, shaded))
             if trial.export.size > self._limit:
                 low, finest = rate, trial
@@ -457,7 +444,7 @@ class ByAreas:
                 best, high = trial, rate
             is_shaded = trial.expected < SHADED * trial.error and bool(trial.found.areas)
             rises = is_better and is_shaded and self._trials.is_visible(trial.expected)
-            if not is_better or (trial.export.size > FULL * self._limit and not rises):
+            if not is_better or (trial.export.size > 0.9 * self._limit and not rises):
                 break
         return best or self._trials.trial(nothing(self._subject.working))
 
@@ -501,12 +488,12 @@ class ByAreas:
         def progress(done: float, present: Callable[[], FoundAreas] | None) -> None:
             nonlocal newest, due, is_first
             # The areas of a small picture are found so fast that a stopped run waits for them.
-            waits = newest is None and 3 * math.prod(self._subject.size) <= QUICK
+            waits = newest is None and math.prod(self._subject.size) <= 256 * 256
             ends = self._is_over() and (self._is_late or not waits)
             ends |= newest is None and time.perf_counter() > latest
             if done < due and not ends:
                 return
-            due, now = done + BETWEEN, None
+            due, now = done + 0.2, None
             if present is not None:
                 newest = present()
                 if is_first and ends_with is not None and not ends:

@@ -240,11 +240,11 @@ class Exporter:
         # The fit has already given all shapes but the plain ellipses a colour of a palette. A shape
         # that was a plain ellipse at that time may be soft now, and its colour may not be in the
         # palette. So the scene is quantised once more.
-        scene = in_file_order(self.quantized(scene, None), form, self._subject.document)
-        return self.written(scene, form)
+        return self.written(self.quantized(scene, None), form)
 
     def written(self, scene: Scene, form: SvgFormat) -> Export:
-        """Write a quantised scene whose shapes are in the order of the file."""
+        """Write a quantised scene. Its shapes are then in the order of the file."""
+        scene = in_file_order(scene, form, self._subject.document)
         svg = ordered_svg(scene, form, self._subject.document)
         return Export(scene, svg, form, self._size(svg))
 
@@ -274,23 +274,20 @@ class Exporter:
         if it has more than `limit` bytes.
         """
         order = self._subject.by_usefulness(export.scene, self._plan.tune)
-        form, document = export.format, self._subject.document
 
         def write(count: int) -> Export:
-            scene = export.scene.select(np.sort(order[:count]))
-            return self.written(in_file_order(scene, form, document), form)
+            return self.written(export.scene.select(np.sort(order[:count])), export.format)
 
         best = filled(write, (self._in_ground, self.empty_bytes), export, limit)
         return dataclasses.replace(best, score=self._score(best.scene, best.svg))
-
-
-FILLED = 0.995  # a file that uses at least this share of the limit of bytes is not enlarged further
 
 
 def filled(
     write: Callable[[int], Export], empty: tuple[int, int], whole: Export, limit: int
 ) -> Export:
     """Return the file of as many of the most useful shapes as a limit of bytes allows.
+
+    A file that uses .995 of the limit is not enlarged further.
 
     write  function that returns the file of so many of the most useful shapes
     empty  number of shapes and bytes of a file that has no fewer. It is returned even if it has
@@ -302,7 +299,7 @@ def filled(
     # Each of these is a number of shapes and the bytes of their file. `fewer` is for the largest
     # file so far within the limit, and `more` for the smallest file so far beyond it.
     fewer, more, best = empty, (len(whole.scene), whole.size), None
-    while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
+    while best is None or (best.size < 0.995 * limit and more[0] - fewer[0] > 1):
         share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
         count = int(fewer[0] + share * (more[0] - fewer[0]))
         count = min(max(count, fewer[0] + (best is not None)), max(more[0] - 1, 0))

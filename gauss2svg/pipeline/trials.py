@@ -197,12 +197,16 @@ class Trials:
             return not trial.is_met
         return trial.saved > TRIED * self._price
 
+    def blank(self) -> Trial:
+        """Return no areas and no Gaussians."""
+        return self.trial(nothing(self._subject.working), 0)
+
     def in_short(self) -> Trial:
         """Return shapes alone, fitted in a fraction of a second for a run that ends now."""
         (width, height), (h, w) = self._subject.size, self._small.shape[:2]
         most = self._plan.goal.count or SHORT
         count = min(SHORT, most, self._limit / SHAPE_BYTES[0], h * w // 3)
-        trial = self.trial(nothing(self._subject.working), 0)
+        trial = self.blank()
         session = self._fitted(trial.ground, int(count), lambda: False)
         scene = session.scene().scaled(width / w, height / h).replace(width=width, height=height)
         export = self._exporter.unscored(scene)

@@ -321,18 +321,17 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     return photo, load
 
 
-# A reduced picture may be an enlarged sprite if over FLAT of its pixels equal their neighbours.
-# If it had at most MOST_REREAD pixels, it is then read again at its own size.
-MOST_REREAD, FLAT = 2**22, 0.5
-
-
 def _sprite(plan: Plan, run: Run, image: ImageSource, photo: Photo) -> Sprite | None:
-    """Return the cells of a photo that is pixel art, None for any other."""
+    """Return the cells of a photo that is pixel art, None for any other.
+
+    A reduced picture may be an enlarged sprite if most of its pixels equal their neighbours. If it
+    had at most 4 megapixels, it is then read again at its own size.
+    """
     width, height = photo.original_size
     if (photo.width, photo.height) == (width, height):
         return sprite_of(pixels_of(photo))
-    is_flat = (photo.pixels[:, 1:] == photo.pixels[:, :-1]).all(axis=2).mean() > FLAT
-    if not is_flat or width * height > MOST_REREAD:
+    is_flat = (photo.pixels[:, 1:] == photo.pixels[:, :-1]).all(axis=2).mean() > 0.5
+    if not is_flat or width * height > 2**22:
         return None
     return sprite_of(pixels_of(run.read(image, lambda *size: size, _matte(plan))))
 
