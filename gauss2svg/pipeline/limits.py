@@ -42,13 +42,7 @@ from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.measure import PSNR, Search
 from gauss2svg.pipeline.budgets import TimeBudget
 from gauss2svg.pipeline.outcome import Export, Exporter
-from gauss2svg.pipeline.plan import (
-    CAP_FOR_TARGET,
-    GZIPPED_SHARE,
-    USUAL_BYTES,
-    Aim,
-    Plan,
-)
+from gauss2svg.pipeline.plan import CAP_FOR_TARGET, GZIPPED_SHARE, USUAL_BYTES, Aim, Plan
 
 FIRST_ROUND = 8  # number of Gaussians in the first round of growth
 # A round of growth has too few steps to converge. At its end, its new Gaussians have gained only

@@ -28,13 +28,7 @@ from gauss2svg.pipeline.budgets import (
     load_of,
     size_that_fits,
 )
-from gauss2svg.pipeline.options import (
-    Goal,
-    Options,
-    ProgressCallback,
-    RunOptions,
-    SvgOptions,
-)
+from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, without_gaussians
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
