@@ -53,7 +53,7 @@ from gauss2svg.pipeline.found import (
 )
 from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
-from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject
+from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject, scaled_to
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.trials import (
@@ -158,11 +158,7 @@ class ByAreas:
 
     def _scaled_start(self) -> Scene | None:
         """Return the scene of the start, scaled to the working picture."""
-        if (start := self._start) is None:
-            return None
-        width, height = self._subject.size
-        start = start.scaled(width / start.width, height / start.height)
-        return start.replace(width=width, height=height)
+        return None if self._start is None else scaled_to(self._start, self._subject.size)
 
     def _search(self) -> Outcome:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
@@ -183,13 +179,16 @@ class ByAreas:
         reason = "max_bytes" if self._is_cut else "gain"
         reason = run.end_reason(reason, self._is_late)
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
-        alone = self._outcome(self._steady(self._rastered(trial)), fitted)
+        final = self._steady(self._rastered(trial))
+        run.notify("measure")
+        alone = Outcome(
+            self._plan, subject, final.export, fitted, self._exporter.measured(final.export),
+            corrections=max(self._tries - 1, 0), found=final.found,
+        )  # fmt: skip
         if self._ends() or not self._trials.wants_gaussians(trial):
             return self._judged(alone)
         start = subject.start
-        if start is not None:
-            start = start.select(start.level == ABOVE)
-        start = start if start is not None and len(start) else None
+        start = None if start is None else start.select(start.level == ABOVE) or None
         above = dataclasses.replace(subject, ground=trial.ground, start=start)
         if (most := self._trials.most) < math.inf:
             options = plan.options.changed(gaussians=int(most) - len(trial.ground))
@@ -266,14 +265,6 @@ class ByAreas:
         measured = self._exporter.measured(file)
         return dataclasses.replace(outcome, file=file, measured=measured, aim_score=math.nan)
 
-    def _outcome(self, trial: Trial, fitted: FitResult) -> Outcome:
-        """Return the outcome of the areas alone."""
-        self._run.notify("measure")
-        measured, corrections = self._exporter.measured(trial.export), max(self._tries - 1, 0)
-        return Outcome(
-            self._plan, self._subject, trial.export, fitted, measured, corrections, trial.found
-        )
-
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found.
 
@@ -320,9 +311,7 @@ class ByAreas:
     def _with_areas(self, trial: Trial, areas: tuple[Area, ...]) -> Trial:
         """Return a trial with other areas, and without Gaussians."""
         scene = trial.ground.select([]).replace(areas=areas)
-        found = dataclasses.replace(trial.found, areas=areas)
-        export = self._exporter.unscored(scene)
-        return dataclasses.replace(trial, found=found, ground=scene, export=export)
+        return dataclasses.replace(trial, ground=scene, export=self._exporter.unscored(scene))
 
     def _steady(self, trial: Trial) -> Trial:
         """Return a trial whose areas are those of the start where these draw the same."""
@@ -524,15 +513,12 @@ class ByAreas:
 
     def _searched(self, progress: Progress) -> FoundAreas:
         """Return the areas of the picture, or those of the start, at the usual rate."""
-        subject = self._subject
-        if (start := subject.start) is None:
+        if self._subject.start is None:
             return self._areas(progress, glance=self._glance)
-
-        width, height = subject.size
-        areas = start.scaled(width / start.width, height / start.height).areas
+        start, picture = scaled_to(self._subject.start, self._subject.size), self._subject.working
         # Its nodes are kept, and Gaussians draw the shading if it has any.
-        shaded, unit = len(start) > 0, self._unit
-        return refined_areas(subject.working, areas, start.background, 0.0, unit, progress, shaded)
+        areas, ground, shaded = start.areas, start.background, len(start) > 0
+        return refined_areas(picture, areas, ground, 0.0, self._unit, progress, shaded)
 
     def _areas(
         self, progress: Progress, rate: float | None = None, shaded: bool = False,

@@ -42,7 +42,14 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.metrics import psnr_of
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, shrunk, views
-from gauss2svg.pipeline.outcome import Export, Outcome, Subject, filled, without_gaussians
+from gauss2svg.pipeline.outcome import (
+    Export,
+    Outcome,
+    Subject,
+    filled,
+    limit_error,
+    scaled_to,
+)
 from gauss2svg.pipeline.palette import Rows
 from gauss2svg.pipeline.plan import (
     INDISTINGUISHABLE,
@@ -122,7 +129,7 @@ class ByBytes:
         self.flat = min(flat, key=attrgetter("size"))
         self._shape_bytes = self._limit - self.flat.size  # bytes left for shapes
         if self._shape_bytes < 0:
-            raise without_gaussians(self.flat.size, self._limit)
+            raise limit_error(self.flat.size, self._limit)
         # For each tuple of exponents, the bytes per shape in the last file with these exponents.
         self._each: dict[Exponents, float] = {}
         self._set_up()
@@ -252,9 +259,7 @@ class ByBytes:
         )
         session.fit()
         self.fits.append(session.result())
-        scene, (width, height) = session.scene(), subject.canvas
-        scene = scene.scaled(width / scene.width, height / scene.height)
-        return scene.replace(width=width, height=height)
+        return scaled_to(session.scene(), subject.canvas)
 
     def _written(self, fitted: Scene, exponents: Exponents) -> Export:
         """Write a scene with each grid and number of digits. Return the closest file by its model.

@@ -121,6 +121,12 @@ class Subject:
         self._targets.clear()
 
 
+def scaled_to(scene: Scene, size: tuple[int, int]) -> Scene:
+    """Return the scene on a canvas of this width and height in px."""
+    scaled = scene.scaled(size[0] / scene.width, size[1] / scene.height)
+    return scaled.replace(width=size[0], height=size[1])
+
+
 @dataclass(frozen=True, eq=False)
 class Export:
     """A quantised scene on the canvas of the file, and the SVG that shows it.
@@ -161,14 +167,13 @@ class Exporter:
         psnr  PSNR of the scene in dB, or None if the scene has already been quantised
         """
         error = None if psnr is None else portable.power(10, -psnr / 10)
-        plan, subject, (width, height) = self._plan, self._subject, self._subject.canvas
-        scaled = scene.scaled(width / scene.width, height / scene.height)
-        scaled, weight = scaled.replace(width=width, height=height), None
+        plan, subject, weight = self._plan, self._subject, None
         # With a mask or a perceptual fit, errors count more at some pixels than at others. The
         # palette is made with the same weights as the fit.
         if len(scene) and (plan.tune == PERCEPTUAL or subject.focus):
             weight = subject.targets(plan.tune).reduced(1).visible_weight
         palette, color_error = plan.quantization(len(scene), error)
+        scaled = scaled_to(scene, subject.canvas)
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
@@ -339,7 +344,7 @@ class Outcome:
         return self.subject.psnr(self.measured.raster, self.subject.photo)
 
 
-def without_gaussians(size: int, limit: int) -> InputError:
+def limit_error(size: int, limit: int) -> InputError:
     """Return the error for a limit below `size`, the bytes of a file without Gaussians."""
     needed = f"at least {size}, the bytes of a file without Gaussians"
     return refusal("max_bytes", needed, str(limit), str(size))

@@ -17,7 +17,7 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import Focus, from_views, has_alpha, shrunk, views
-from gauss2svg.pipeline.outcome import Export, Exporter, Subject
+from gauss2svg.pipeline.outcome import Export, Exporter, Subject, scaled_to
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.render.areas import coverage_of, draw_areas
 from gauss2svg.scene import ABOVE, Scene
@@ -203,13 +203,11 @@ class Trials:
 
     def in_short(self) -> Trial:
         """Return shapes alone, fitted in a fraction of a second for a run that ends now."""
-        (width, height), (h, w) = self._subject.size, self._small.shape[:2]
-        most = self._plan.goal.count or SHORT
-        count = min(SHORT, most, self._limit / SHAPE_BYTES[0], h * w // 3)
+        most, values = self._plan.goal.count or SHORT, self._small[..., 0].size
+        count = min(SHORT, most, self._limit / SHAPE_BYTES[0], values // 3)
         trial = self.blank()
         session = self._fitted(trial.ground, int(count), lambda: False)
-        scene = session.scene().scaled(width / w, height / h).replace(width=width, height=height)
-        export = self._exporter.unscored(scene)
+        export = self._exporter.unscored(scaled_to(session.scene(), self._subject.size))
         if export.size > self._limit:
             export = self._exporter.pruned(export, int(self._limit))
         return dataclasses.replace(trial, ground=export.scene, export=export)

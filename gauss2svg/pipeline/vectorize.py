@@ -29,7 +29,7 @@ from gauss2svg.pipeline.budgets import (
     size_that_fits,
 )
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
-from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, without_gaussians
+from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, limit_error
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
@@ -276,7 +276,7 @@ def vectorize_by(
     subject.release()
     # Every search prunes its file until it is within the limit. So this one has no shapes left.
     if (limit := plan.goal.byte_limit) is not None and outcome.file.size > limit:
-        raise without_gaussians(outcome.file.size, limit)
+        raise limit_error(outcome.file.size, limit)
     return _result(plan, run, measured, outcome)
 
 

@@ -32,13 +32,6 @@ def result(photo):
     return vectorize(photo, seed=0, **QUICK)
 
 
-def test_svg_matches_the_photo_and_the_model(result):
-    assert result.report["psnr_svg"] > 22
-    assert result.report["psnr_svg"] > result.report["psnr_model"] - 0.5
-    assert result.report["psnr_roundtrip"] > 38
-    assert abs(result.report["bias_roundtrip"]) < 0.5
-
-
 def test_report_measures_the_file_not_the_model_and_is_json(photo, result):
     report, raster = result.report, rasterize(result.svg, 64, 64)
     assert json.loads(json.dumps(report, allow_nan=False)) == report
@@ -49,20 +42,19 @@ def test_report_measures_the_file_not_the_model_and_is_json(photo, result):
     packed = gzip.compress(result.svg.encode(), 9, mtime=0)
     assert report["svgz_bytes"] == len(packed) < report["svg_bytes"]
     assert report["gaussians"] == len(result.scene)
-
-
-def test_another_seed_gives_another_file(photo):
-    one, other = (vectorize(photo, seed=seed, init="error", **QUICK).svg for seed in (0, 1))
-    assert one != other
+    assert 22 < report["psnr_svg"] > report["psnr_model"] - 0.5
+    assert report["psnr_roundtrip"] > 38
+    assert abs(report["bias_roundtrip"]) < 0.5
 
 
 @pytest.mark.parametrize(
     "change",
-    [{"loss": "l1"}, {"schedule": "linear"}, {"init": "random"},
+    [{"loss": "l1"}, {"schedule": "linear"}, {"init": "random"}, {"seed": 1, "init": "random"},
      {"loss": "mse+ssim", "ssim_weight": 0.5}, {"loss": "mse+ssim"}],
 )  # fmt: skip
-def test_every_option_reaches_the_fit(photo, result, change):
-    assert vectorize(photo, **QUICK, **change).svg != result.svg
+def test_every_option_reaches_the_fit(photo, change):
+    less = dict(list(change.items())[1:])
+    assert vectorize(photo, **QUICK, **change).svg != vectorize(photo, **QUICK, **less).svg
 
 
 def test_phases_come_in_order_on_the_threads_that_were_asked_for(photo, capfd):
