@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
+from gauss2svg.areas.curves import sampled
 from gauss2svg.areas.pixels import Sprite
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.photo.pixels import BACKDROPS, views
@@ -263,9 +264,8 @@ def _nearest(color: Any, inks: str) -> Color:
 
 def _banded(paint: LinearGradient | RadialGradient, inks: str) -> LinearGradient | RadialGradient:
     """Return a gradient in the nearest ink at each place. Bands meet within about a pixel."""
-    across = (
-        np.subtract(paint.end, paint.start) if isinstance(paint, LinearGradient) else paint.radii
-    )
+    is_linear = isinstance(paint, LinearGradient)
+    across = np.subtract(paint.end, paint.start) if is_linear else paint.radii
     half = 0.5 / max(portable.hypot(*across), 1.0)
     place = np.linspace(0, 1, 1024)
     ink = nearest_inks(paint.colors_at(place), inks)
@@ -323,10 +323,7 @@ def _distance(one: Area, other: Area) -> float:
 
 
 def _points(area: Area) -> NDArray[np.float64]:
-    """Return points (n, 2) along all outlines of an area."""
-    p = np.concatenate([outline.segments for outline in area.outlines])[None]
-    t = np.linspace(0, 1, 9)[:-1, None, None]  # places along each segment
-    s = 1 - t
-    weights = s * s * s, 3 * s * s * t, 3 * s * t * t, t * t * t
-    points = np.stack([w * p[:, :, k] for k, w in enumerate(weights)]).sum(axis=0)
-    return points.reshape(-1, 2)
+    """Return points (n, 2) along all outlines of an area, eight for each segment."""
+    segments = np.concatenate([outline.segments for outline in area.outlines])
+    curved = np.concatenate([outline.curved for outline in area.outlines])
+    return sampled(segments, curved, np.full(len(segments), 8))

@@ -21,7 +21,6 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.photo.pixels import Photo, over, pixels_of
 from gauss2svg.pipeline.budgets import measured_size
-from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
@@ -47,6 +46,7 @@ def run_report(
     total_s, count = time.perf_counter() - run.started, len(file.scene)
     shown, scored = shown_width(document, file.scene), vars(measured) | _by_focus(outcome)
     counts, found = AreaCounts.of(file.scene.areas), outcome.found
+    text = json.dumps(options.of_picture(), sort_keys=True)
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
@@ -93,7 +93,8 @@ def run_report(
         "transparent": photo.alpha is not None,
         "notes": [*photo.notes, *_notes(plan, photo, outcome)],
         "pixels_sha256": _pixels_sha256(pixels_of(photo)),
-        "options_sha256": _options_sha256(options),
+        # The digest of the options that change a file, as JSON with sorted names.
+        "options_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "versions": dict(_versions()),
         "total_s": total_s,
     }
@@ -104,11 +105,6 @@ def _pixels_sha256(pixels: NDArray[np.float32]) -> str:
     digest = hashlib.sha256(str(pixels.shape).encode())
     digest.update(np.ascontiguousarray(pixels, "<f4").data)
     return digest.hexdigest()
-
-
-def _options_sha256(options: Options) -> str:
-    """Return the digest of the options that change a file, as JSON with sorted names."""
-    return hashlib.sha256(json.dumps(options.of_picture(), sort_keys=True).encode()).hexdigest()
 
 
 def _colors(scene: Scene) -> NDArray[np.float64]:

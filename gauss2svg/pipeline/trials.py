@@ -113,9 +113,8 @@ class Trials:
             found = dataclasses.replace(found, areas=scene.areas)
             export, error = self._exporter.unscored(scene), self._error(scene)
         if plan.aim is not None:
-            is_met = plan.aim.is_met_by(
-                plan.aim.score(self._exporter.raster(export.svg), subject.photo)
-            )
+            score = plan.aim.score(self._exporter.raster(export.svg), subject.photo)
+            is_met = plan.aim.is_met_by(score)
         saved = 0.0
         if self._fills and found.areas:
             # Definitions take a fifth of the bytes that are left.
@@ -123,9 +122,8 @@ class Trials:
             count = int(min(max(left, 0), 6 * count))
         if count and error > self._price * count / 2:
             session = self._fitted(scene, count, self._is_over)
-            saved = max(
-                error - self.values * portable.power(10, -session.population.psnr() / 10), 0.0
-            )
+            after = self.values * portable.power(10, -session.population.psnr() / 10)
+            saved = max(error - after, 0.0)
         price = count * self._price
         pays = saved > price
         if self._fills:
@@ -203,8 +201,8 @@ class Trials:
 
     def in_short(self) -> Trial:
         """Return shapes alone, fitted in a fraction of a second for a run that ends now."""
-        most, values = self._plan.goal.count or SHORT, self._small[..., 0].size
-        count = min(SHORT, most, self._limit / SHAPE_BYTES[0], values // 3)
+        most, pixels = self._plan.goal.count or SHORT, self._small[..., 0].size
+        count = min(SHORT, most, self._limit / SHAPE_BYTES[0], pixels // 3)
         trial = self.blank()
         session = self._fitted(trial.ground, int(count), lambda: False)
         export = self._exporter.unscored(scaled_to(session.scene(), self._subject.size))
