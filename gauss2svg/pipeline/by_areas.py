@@ -455,8 +455,7 @@ class ByAreas:
 
     def _is_over(self) -> bool:
         """Return whether the run has to end: it is stopped, or its time for fitting is over."""
-        deadline = self._run.budget.fit_ends()
-        self._is_late = deadline is not None and time.perf_counter() > deadline
+        self._is_late = time.perf_counter() > self._run.budget.fit_ends()
         return self._run.stop() or self._is_late
 
     def _ends(self) -> bool:

@@ -70,7 +70,7 @@ def test_a_photo_is_closer_inside_of_its_mask_at_the_cost_of_the_rest(goal):
 
 def test_without_a_count_shapes_are_added_for_the_error_that_the_mask_weighs():
     flat = np.full((HEIGHT, WIDTH, 3), 0.5)
-    flat[:, WIDTH // 2 :] = frame("coffee")[:, WIDTH // 2 :] / 255
+    flat[:, WIDTH // 2 :] = frame("chelsea")[:, WIDTH // 2 :] / 255
     on_flat, on_detail = (
         vectorize(flat, quality="draft", focus=(X < WIDTH // 2) == left, focus_strength=30)
         for left in (True, False)

@@ -6,12 +6,10 @@ import json
 import numpy as np
 import pytest
 from conftest import needs
-from flat import fit_config, vectorize
+from flat import vectorize
 
 from gauss2svg import quantize
 from gauss2svg.errors import RendererError
-from gauss2svg.fit.population import composited
-from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import tiles
@@ -126,13 +124,6 @@ def test_the_portable_form_is_composited_by_a_second_fit_and_drawn_by_all(photo,
     assert report["iterations"] == 2 * additive.report["iterations"]
     assert report["pixel_pairs"] > 1.5 * additive.report["pixel_pairs"]
     assert report["psnr_model"] > vectorize(photo, **SUMMED).report["psnr_model"] - 0.3
-
-
-def test_conversion_begins_with_the_largest_shapes(photo, additive):
-    state = composited(additive.scene, target_of(photo, np.float32, "psnr"), fit_config(150).fit)
-    back = state.scene(additive.scene.background, 64, 64)
-    assert (np.diff(np.sqrt(np.linalg.det(back.covariance))) <= 1e-9).all()
-    assert len(np.unique(back.round_index)) == 6
 
 
 @pytest.mark.sweep

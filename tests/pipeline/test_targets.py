@@ -180,14 +180,6 @@ def test_better_qualities_are_more_accurate_and_larger(photo):
     assert values == sorted(values)
 
 
-def test_small_picture_gets_no_fewer_steps_than_by_a_cheaper_preset():
-    fast = Options.from_flat({"quality": "fast"})
-    preset, cheaper = plan.PRESETS["fast"], plan.PRESETS["draft"]
-    assert cheaper.iterations > preset.iterations
-    for side, steps in ((cheaper.max_size, cheaper), (preset.max_size, preset), (None, preset)):
-        assert plan.Plan(fast, fit_side=side).fit_config.iterations == steps.iterations
-
-
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
 def test_a_pruned_file_has_as_many_of_the_most_useful_gaussians_as_fit(markup):
     """A file that is pruned to a limit nearly fills it, and keeps the shapes that matter."""
