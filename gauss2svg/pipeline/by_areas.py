@@ -262,8 +262,7 @@ class ByAreas:
         return both if file.size > self._limit else self._with_file(both, file)
 
     def _with_file(self, outcome: Outcome, file: Export) -> Outcome:
-        measured = self._exporter.measured(file)
-        return dataclasses.replace(outcome, file=file, measured=measured, aim_score=math.nan)
+        return dataclasses.replace(outcome, file=file, measured=self._exporter.measured(file))
 
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found.

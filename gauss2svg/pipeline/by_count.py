@@ -75,10 +75,7 @@ class ByCount:
         kept = "start" if best in self._first else self._policy.stop_reason
         reason = run.end_reason(kept, session.clock.out_of_time)
         fitted = session.result().after(additive, reason)
-        return Outcome(
-            plan, subject, best, fitted, measured, len(exports) - 1,
-            aim_score=math.nan if plan.aim is None else best.score,
-        )  # fmt: skip
+        return Outcome(plan, subject, best, fitted, measured, len(exports) - 1)
 
     def _fitted(self) -> tuple[FitSession, FitResult | None]:
         """Run the fit whose scene the first file shows. Return this fit.

@@ -325,7 +325,6 @@ class Outcome:
     corrections  number of times that the number of Gaussians was changed after the fit
     found        areas on the working canvas, with the costs of finding them. None without areas
     unsure       whether shapes alone may be closer than the areas of this outcome
-    aim_score    value of the aim's score for the file, NaN if it is not measured
     """
 
     plan: Plan
@@ -336,7 +335,6 @@ class Outcome:
     corrections: int
     found: FoundAreas | None = None
     unsure: bool = False
-    aim_score: float = math.nan
 
     @cached_property
     def psnr(self) -> float:
@@ -365,11 +363,12 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     aim, limit = plan.aim, plan.goal.byte_limit or math.inf
     outcomes, is_met = list[Outcome](), False
     for last in searched:
-        if aim is not None and math.isnan(last.aim_score):
-            aim_score = aim.score(last.measured.raster, last.subject.photo)
-            last = dataclasses.replace(last, aim_score=aim_score)
+        # Searches without the aim have another score, and those for areas have none.
+        if aim is not None and (last.plan.aim is None or math.isnan(last.file.score)):
+            score = aim.score(last.measured.raster, last.subject.photo)
+            last = dataclasses.replace(last, file=dataclasses.replace(last.file, score=score))
         outcomes.append(last)
-        is_met = aim is not None and aim.is_met_by(last.aim_score) and last.file.size <= limit
+        is_met = aim is not None and aim.is_met_by(last.file.score) and last.file.size <= limit
         is_sure = last.found is not None and not last.unsure
         if is_met or is_sure or last.fitted.stop_reason == "interrupted":
             break
@@ -377,7 +376,7 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     def closeness(outcome: Outcome) -> tuple[bool, float]:
         if aim is None:
             return True, outcome.psnr
-        return outcome.file.size <= limit, outcome.aim_score
+        return outcome.file.size <= limit, outcome.file.score
 
     best = max(outcomes, key=closeness) if len(outcomes) > 1 else outcomes[0]
     fitted, reason = best.fitted, best.fitted.stop_reason

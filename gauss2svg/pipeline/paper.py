@@ -25,7 +25,9 @@ LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
 
 # What is darker than DIRT, and than NOISES times the noise of the paper, may be ink. The QUANTILE
 # of its darkness is that of full ink.
-NOISES, DIRT, QUANTILE = 6, 0.1, 0.8
+NOISES = 6
+DIRT = 0.1
+QUANTILE = 0.8
 
 
 def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Values, str] | None:

@@ -230,12 +230,12 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
              compilation is not included
     """
     goal, aim, limit, reason = plan.goal, plan.aim, plan.goal.time_limit, outcome.fitted.stop_reason
-    if aim is not None and not aim.is_met_by(outcome.aim_score):
+    if aim is not None and not aim.is_met_by(outcome.file.score):
         reported = reason not in (aim.of.option, "interrupted")
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
-        yield f"target of {target} not reached: {sign * outcome.aim_score:.2f}{unit}{ended}"
+        yield f"target of {target} not reached: {sign * outcome.file.score:.2f}{unit}{ended}"
     if reason == "max_bytes" and not len(outcome.file.scene) and not outcome.file.scene.areas:
         none = f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none"
         yield f"{none}. Try a larger --max-bytes"

@@ -368,7 +368,7 @@ def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
     aim, raster, subject = plan.aim, outcome.measured.raster, outcome.subject
     scores = Scores()
     if plan.options.run.scores or (aim is not None and not aim.of.always):
-        known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.aim_score}
+        known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.file.score}
         # This is imported here, because only few runs ask for scores.
         from gauss2svg.measure.perceptual import perceptual_scores
 

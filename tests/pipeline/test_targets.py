@@ -204,7 +204,7 @@ def test_a_pruned_file_has_as_many_of_the_most_useful_gaussians_as_fit(markup):
 
 def test_late_run_says_so():
     limited = plan.Plan(Options.from_flat({"time_limit": 2.0}))
-    outcome: Any = SimpleNamespace(fitted=SimpleNamespace(stop_reason="time_limit"), aim_score=30.0)
+    outcome: Any = SimpleNamespace(fitted=SimpleNamespace(stop_reason="time_limit"))
     lines = [*unreached(limited, outcome, 3.5)]
     assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a smaller --max-size"]
     assert [*unreached(limited, outcome, 2.2)] == []
