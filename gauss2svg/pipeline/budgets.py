@@ -263,7 +263,8 @@ class TimeBudget:
     renderer: str = DEFAULT_RENDERER
 
     def __post_init__(self) -> None:
-        self._export_s = 0.06 + 1.3e-6 * self.measured  # without the part of each Gaussian
+        # Seconds of an export, to which each Gaussian adds EXPORT_GAUSSIAN.
+        self._export_s = 0.06 + 1.3e-6 * self.measured
         self._start_s = STARTS.get(self.renderer, 0.0)
         # The sums do not begin with 0, so that the first steps change their ratio only a little.
         self._predicted = self._taken = 0.03
@@ -328,9 +329,10 @@ class TimeBudget:
         time does not count as time of the fit.
         """
         whole = self.deadline - self._begun
-        # If the export needs more than .6 of the time, Gaussians are removed.
+        # If the export needs more than .6 of the time, Gaussians are removed. A fit of less than
+        # .15 s could hardly be recognised.
         fitting = whole - min(self._reserved_s(self._reserved_for), 0.6 * whole)
-        return self._begun + max(self._share * fitting, 0.15)  # s, to recognise the picture
+        return self._begun + max(self._share * fitting, 0.15)
 
     def _step_s(self, pixels: int) -> float:
         """Return the predicted seconds of a step, without the time that each Gaussian adds.

@@ -151,7 +151,8 @@ class ByBytes:
         self._exponents: Exponents = exponents if learned else (1.0,)
         count = self._shape_bytes / self._expected(exponents)
         few = count <= FEW_UP_TO
-        side = min(max(12 * math.sqrt(max(count, 1)), 96), WHOLE_SIDE)  # of the working picture
+        # px of the working picture's longest side
+        side = min(max(12 * math.sqrt(max(count, 1)), 96), WHOLE_SIDE)
         self._fits_to_do = FITS if few else FITS[:2]
         self._grids = (1.2, 0.8) if few else (1.0,)
         if self._is_flat:

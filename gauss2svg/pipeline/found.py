@@ -1,4 +1,4 @@
-"""What becomes of the areas that were found in a picture: their colours, inks and films.
+"""Changes to the areas that were found in a picture: equal colours, inks, and areas of a film.
 
 Nearly equal colours become one. With Gaussians above them, all colours are solved again: a picture
 is a linear function of them, because each pixel is g + sum_k w_k c_k. c_k is a flat colour or that

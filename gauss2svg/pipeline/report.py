@@ -201,7 +201,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
 def _far_colors(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> str:
     """Return a sentence on how much of a photo its inks are far from, or "" if it is little.
 
-    It compares the mean colours of blocks, 24 along the longer side (docs/decisions/inks.md).
+    It compares the mean colours of blocks in Oklab, 24 of them along the longer side
+    (docs/decisions/inks.md).
 
     raster, photo  (h, w, 3), or (h, w, 4) with alpha, in 0..1
     """
@@ -214,7 +215,7 @@ def _far_colors(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> str:
         return cut.reshape(rows, len(cut) // rows, columns, -1, 3).mean(axis=(1, 3))
 
     drawn, wanted = blocks(raster), blocks(photo)
-    is_far = np.square(oklab(drawn) - oklab(wanted)).sum(axis=2) > 0.15**2  # in Oklab
+    is_far = np.square(oklab(drawn) - oklab(wanted)).sum(axis=2) > 0.15**2
     if (share := is_far.mean()) < 0.2:
         return ""
     drawn, wanted = drawn[is_far], wanted[is_far]

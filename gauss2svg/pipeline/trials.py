@@ -83,7 +83,7 @@ class Trials:
         self._rate, self._price = plan.rate, plan.rate * plan.shape_bytes
         self._shapes_alone = dict[int, float]()  # squared error by the number of shapes
         width, height = subject.size
-        share = min(1.0, 256 / max(width, height))  # of the sides in trials
+        share = min(1.0, 256 / max(width, height))  # Trials see at most 256 px a side.
         small = max(1, round(share * height)), max(1, round(share * width))
         self._small, self.values = shrunk(subject.working, *small), 3 * width * height
         self.most = math.inf if plan.goal.count is None else plan.goal.count
