@@ -33,6 +33,12 @@ def frame(name: str, shift: int = 0, size: tuple[int, int] = (64, 48)) -> np.nda
     return np.asarray(photo.resize(size, Image.Resampling.BOX, box))
 
 
+def small(name: str) -> np.ndarray:
+    """A picture of scikit-image, reduced."""
+    photo = Image.fromarray(getattr(data, name)())
+    return np.asarray(photo.resize((WIDTH, HEIGHT), Image.Resampling.BOX))
+
+
 def psnr_where(raster, photo, where) -> float:
     return float(-10 * np.log10(np.mean(np.square(raster - photo)[where])))
 
@@ -53,7 +59,7 @@ def test_a_photo_is_closer_inside_of_its_mask_at_the_cost_of_the_rest(goal):
     gains = []
     for name in NAMES:
         plain, focused = (
-            vectorize(frame(name), **GOALS[goal], **more) for more in ({}, {"focus": MASK})
+            vectorize(small(name), **GOALS[goal], **more) for more in ({}, {"focus": MASK})
         )
         psnrs = [
             [psnr_where(result.raster, result.photo, where) for where in (MASK > 0, MASK == 0)]
@@ -70,7 +76,7 @@ def test_a_photo_is_closer_inside_of_its_mask_at_the_cost_of_the_rest(goal):
 
 def test_without_a_count_shapes_are_added_for_the_error_that_the_mask_weighs():
     flat = np.full((HEIGHT, WIDTH, 3), 0.5)
-    flat[:, WIDTH // 2 :] = frame("chelsea")[:, WIDTH // 2 :] / 255
+    flat[:, WIDTH // 2 :] = small("coffee")[:, WIDTH // 2 :] / 255
     on_flat, on_detail = (
         vectorize(flat, quality="draft", focus=(X < WIDTH // 2) == left, focus_strength=30)
         for left in (True, False)
@@ -79,7 +85,7 @@ def test_without_a_count_shapes_are_added_for_the_error_that_the_mask_weighs():
 
 
 def test_a_mask_is_read_like_a_photo(tmp_path):
-    photo, image = frame("coffee"), Image.fromarray(MASK)
+    photo, image = small("coffee"), Image.fromarray(MASK)
     image.save(tmp_path / "mask.png")
     clear = np.dstack([np.full((*MASK.shape, 3), 255, np.uint8), MASK])  # white where it is opaque
     masks = [MASK, MASK / 255, MASK > 0, image, str(tmp_path / "mask.png"), clear]
@@ -102,7 +108,7 @@ def test_a_mask_is_read_like_a_photo(tmp_path):
 )
 def test_a_mask_that_does_not_fit_is_refused(mask, line):
     with pytest.raises(InputError, match=line):
-        vectorize(frame("coffee"), gaussians=10, focus=mask)
+        vectorize(small("coffee"), gaussians=10, focus=mask)
 
 
 @pytest.mark.parametrize(
