@@ -35,15 +35,7 @@ PATTERN = re.compile(r"[*?\[]")  # a wildcard in a file name
 UTF16_MARKS = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 FileName = str | os.PathLike[str]
 _Name = TypeVar("_Name", str, Path, FileName)
-# Device names of Windows, with or without a suffix.
-# Source: Microsoft, "Naming Files, Paths, and Namespaces".
-_DEVICE = re.compile(
-    r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³]) *([.:]|$)", re.IGNORECASE
-)
-# Pauses (s) between attempts to rename a file on Windows, where virus scanners keep new files open
-# for a short time.
-_PAUSES_S = (0.01, 0.03, 0.1, 0.3, 1.0)
-_NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
+_BINARY = getattr(os, "O_BINARY", 0)
 
 
 def expanded(names: Iterable[str]) -> list[str]:
@@ -90,7 +82,7 @@ def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
     writes would wait for ever.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | _NOT_BLOCKING | _BINARY)
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY)
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             os.close(descriptor)
             raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
@@ -215,7 +207,7 @@ def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
 def replace(source: FileName, target: FileName) -> None:
     """Rename a file over another. On Windows, retry for 1.4 s if a program has one of them open."""
     if sys.platform == "win32":
-        for pause in _PAUSES_S:
+        for pause in (0.01, 0.03, 0.1, 0.3, 1.0):  # virus scanners keep new files open for a while
             try:
                 return os.replace(source, target)
             except PermissionError:
@@ -224,8 +216,12 @@ def replace(source: FileName, target: FileName) -> None:
 
 
 def is_device(name: str) -> bool:
-    """Return whether Windows takes a file name for the name of a device: con, aux.svg, COM1.txt."""
-    return _DEVICE.match(name) is not None
+    """Return whether Windows takes a file name for the name of a device: con, aux.svg, COM1.txt.
+
+    Source: Microsoft, "Naming Files, Paths, and Namespaces".
+    """
+    devices = r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³]) *([.:]|$)"
+    return re.match(devices, name, re.IGNORECASE) is not None
 
 
 def _refuse_device(path: Path) -> None:

@@ -45,12 +45,7 @@ class Interval(NamedTuple):
 
 Renderer = Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"]
 Seed = Annotated[int, Interval(ge=0, le=2**63 - 1)]
-_MAX_INT = 2**31 - 1  # largest value of an int option whose annotation has no upper bound
-_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
-_SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([kmg]?)b?", re.IGNORECASE)
-_HEX = re.compile("#?([0-9a-f]{3}|[0-9a-f]{6})")
 _NUMBERS: Any = (numbers.Number, decimal.Decimal)
-_BOOLS = {"True": True, "False": False, "true": True, "false": False}
 
 
 @dataclass(frozen=True)
@@ -100,7 +95,7 @@ class Field:
         # If the text is not a number, `value` stays a text, and `checked` raises the InputError.
         with suppress(ValueError):
             if self.kind is bool:
-                value = _BOOLS.get(text, text)
+                value = {"True": True, "False": False, "true": True, "false": False}.get(text, text)
             # isdecimal() is needed, because int() would also accept " 1_0".
             elif self.kind is int and text.removeprefix("-").isdecimal():
                 value = int(text)
@@ -209,7 +204,7 @@ def field_of(name: str, hint: Any, default: Any = None) -> Field:
     supported = [item for item in metadata if isinstance(item, (Interval, str)) or callable(item)]
     if supported != metadata:
         raise TypeError(f"{name} must have an Interval, a text or a function")
-    most = _MAX_INT if kind is int else math.inf
+    most = 2**31 - 1 if kind is int else math.inf
     return Field(
         name=name,
         kind=kind,
@@ -243,8 +238,9 @@ def byte_size(name: str, value: Any) -> int:
     """
     size = 0.0
     if isinstance(value, str):
-        match = _SIZE.fullmatch(value.strip())
-        size = float(match[1]) * _UNITS[match[2].lower()] if match else 0.0
+        match = re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)\s*([kmg]?)b?", value.strip().lower())
+        units = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
+        size = float(match[1]) * units[match[2]] if match else 0.0
     elif not isinstance(value, bool):
         with suppress(Exception):  # methods of the value may raise any exception
             size = operator.index(value)
@@ -266,7 +262,7 @@ def hex_of(text: Any) -> str:
     if not isinstance(text, str):
         raise ValueError("")
     word = text.strip().lower()
-    if match := _HEX.fullmatch(word):
+    if match := re.fullmatch("#?([0-9a-f]{3}|[0-9a-f]{6})", word):
         return "#" + (match[1] if len(match[1]) == 6 else "".join(2 * digit for digit in match[1]))
     if word not in colormap:
         raise ValueError(nearest(word, colormap))

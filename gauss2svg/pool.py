@@ -24,9 +24,6 @@ from gauss2svg import processes
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.processes import end_of, end_tree, end_with_parent
 
-_WATCH_S = 0.1  # seconds between two checks of the time and the memory that jobs take
-_IDLE_S = 1.0  # if no job ends, completed() calls `width` again after this number of seconds
-
 
 class WorkerDiedError(Gauss2SvgError, RuntimeError):
     """A worker process that crashed or was killed during a job."""
@@ -140,7 +137,7 @@ class Pool:
 
     def _watch(self) -> None:
         """Kill the process of each job that exceeds its time limit or the memory limit."""
-        while not self._is_closed.wait(_WATCH_S):
+        while not self._is_closed.wait(0.1):  # s
             for job in tuple(self._jobs):
                 if time.monotonic() > job.ends_at:
                     job.end(TimeoutError("it took too long"))
@@ -171,7 +168,8 @@ def completed(
                 jobs[submit(request)] = request
             if not jobs:
                 return
-            for job in wait(jobs, _IDLE_S, FIRST_COMPLETED).done:
+            # If no job ends in a second, `width` is called again.
+            for job in wait(jobs, 1.0, FIRST_COMPLETED).done:
                 yield jobs.pop(job), job
     finally:
         for job in jobs:

@@ -23,11 +23,6 @@ from typing import NamedTuple
 # own. On other systems, start_new_session=True has this effect. A Ctrl-C does not reach a child in
 # another group, so `end_tree` has to end it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
-# Parameters of glibc's mallopt with our values: M_MMAP_THRESHOLD and M_TRIM_THRESHOLD. An array
-# larger than the first number of bytes gets memory of its own, which is given back when the array
-# is freed. All other arrays lie in a heap. Of the free memory at the end of the heap, up to the
-# second number of bytes is kept for later arrays. Each thread may have a heap of its own.
-_MALLOC = {-3: 32 << 20, -1: 64 << 20}
 MEMORY_SHARE = 0.8  # share of the free memory that this program may take by default
 _CHECK_S = 0.2  # seconds between two checks whether the parent is alive
 
@@ -44,8 +39,10 @@ pending: Callable[[], None] = nothing
 
 
 def keep_freed_memory() -> None:
-    """Keep the memory of freed arrays for the next arrays, as far as _MALLOC allows.
+    """Keep the memory of freed arrays for the next arrays.
 
+    An array of more than 32 MiB has memory of its own, which is given back when the array is freed.
+    All other arrays lie in a heap, of whose end up to 64 MiB are kept. Each thread may have a heap.
     Otherwise each step of a fit would give memory back, and the system would clear it for the next
     step (docs/decisions/memory.md). The function changes the whole process, so only the program
     calls it, for itself and for its processes, and the library does not. It does nothing with other
@@ -55,8 +52,8 @@ def keep_freed_memory() -> None:
         import ctypes
 
         with suppress(AttributeError):  # raised if the C library has no mallopt
-            for parameter, value in _MALLOC.items():
-                ctypes.CDLL(None).mallopt(parameter, value)
+            ctypes.CDLL(None).mallopt(-3, 32 << 20)  # M_MMAP_THRESHOLD
+            ctypes.CDLL(None).mallopt(-1, 64 << 20)  # M_TRIM_THRESHOLD
 
 
 class Ended(NamedTuple):

@@ -93,9 +93,6 @@ def mirrored(length: int, radius: int) -> NDArray[np.intp]:
 # Each point is compared with each entry. If there are more such pairs than this, it is faster to
 # import SciPy.
 _MOST_COMPARED = 4_000_000
-# Number of pairs that are compared at a time. It is small enough that the pairs stay in the
-# processor's cache.
-_BAND_PAIRS = 65536
 
 
 def nearest_entry(
@@ -115,7 +112,7 @@ def nearest_entry(
         distance, entry = KDTree(entries).query(points)
         return np.asarray(distance), np.asarray(entry)
     squares, nearest = np.empty(len(points)), np.empty(len(points), np.intp)
-    step = max(1, _BAND_PAIRS // len(entries))
+    step = max(1, 65536 // len(entries))  # so few pairs stay in the processor's cache
     for first in range(0, len(points), step):
         band = points[first : first + step]
         square = np.zeros((len(band), len(entries)))

@@ -48,7 +48,6 @@ FIT_SSIM = 130  # bytes per pixel that a fit takes if its loss includes SSIM
 # Bytes per pixel that a fit in inks takes in addition to FIT, because it needs a target besides the
 # photo.
 INKS = 34
-HELD = 36  # bytes per pixel of the fit that stay in memory after the fit
 ADDITIVE = 110e6  # bytes that writing an additive scene takes
 MARGIN = 1.2  # factor on the estimate, for memory that was not measured
 
@@ -112,7 +111,8 @@ class Load:
         each = FIT_AREAS if plan.in_areas else FIT_SSIM if has_ssim(options.fit.loss) else FIT
         fitting = held * kept + (each + inked) * fit
         measured = max(measured, held + (target.pixel_bytes if target is not None else 0))
-        measuring = measured * kept + (HELD + inked) * fit
+        # After the fit, 36 bytes per pixel of it stay in memory.
+        measuring = measured * kept + (36 + inked) * fit
         measuring += ADDITIVE * (options.fit.blend == ADD)
         most = max(_decoding(self.photo, kept), fitting, measuring)
         return math.ceil(MARGIN * (BASE + most + SHAPE * self.most_gaussians))
@@ -193,17 +193,19 @@ def _megabytes(size: float) -> str:
     return f"{size / 1e6:.0f} MB" if size >= 1e6 else f"{size:.0f} bytes"
 
 
-# The next three numbers set the size of a fit with a time limit (docs/decisions/time.md).
+# The next two numbers set the size of a fit with a time limit (docs/decisions/time.md).
 # The fit may have this many pixels for each second of the limit that is left after start-up.
 PIXELS_PER_SECOND = 150_000
-START_S = 0.5  # seconds of the time limit that are set aside for start-up
 # Even with a very short limit, this many seconds are assumed to be left after start-up.
 LEAST_S = 0.25
 
 
 def pixels_within(time_limit: float) -> float:
-    """Return the largest number of pixels that a fit may have with this time limit in s."""
-    return PIXELS_PER_SECOND * max(time_limit - START_S, LEAST_S)
+    """Return the largest number of pixels that a fit may have with this time limit in s.
+
+    Half a second of the limit is set aside for start-up.
+    """
+    return PIXELS_PER_SECOND * max(time_limit - 0.5, LEAST_S)
 
 
 def load_of(plan: Plan, photo: Header) -> Load:
@@ -222,24 +224,10 @@ def load_of(plan: Plan, photo: Header) -> Load:
     return Load(plan, photo, (max(1, round(width * scale)), max(1, round(height * scale))))
 
 
-# Seconds that a step of the fit takes: a fixed part, a part for each pixel, and a part for each
-# Gaussian.
-STEP = 5e-4
-STEP_PIXEL = 3.3e-8
-STEP_GAUSSIAN = 8e-7
-# A step of growth takes this fraction of the time that the three numbers above predict.
+STEP_GAUSSIAN = 8e-7  # seconds that a step of the fit takes for each Gaussian
+# A step of growth takes this fraction of the time that is predicted for other steps.
 GROWING = 0.5
-# All threads work on the pixels. Each thread after the first adds this share of the first thread's
-# speed.
-SECOND_THREAD = 0.8
-# The predicted and the actual time of all steps so far are two sums. Both begin with this number of
-# seconds instead of 0, so that the first steps change the ratio of the two only a little.
-PRIOR_S = 0.03
-# An export writes, rasterises and measures a file. The seconds that it takes are a fixed part, a
-# part for each pixel at which the file is measured, and a part for each Gaussian.
-EXPORT = 0.06
-EXPORT_PIXEL = 1.3e-6
-EXPORT_GAUSSIAN = 5e-5
+EXPORT_GAUSSIAN = 5e-5  # seconds for each Gaussian to write, rasterise and measure a file
 # The search for the file's colours takes this many seconds for each Gaussian.
 COLORS_GAUSSIAN = 7e-5
 # Seconds that these programs take to start.
@@ -250,12 +238,6 @@ STARTS = {"chromium": 2.0, "firefox": 2.0, "inkscape": 2.0}
 STEPS = 100
 # With a time limit, areas are searched in a picture of so many pixels for each second.
 AREA_PIXELS_A_SECOND = 40_000
-# At most this share of the time is reserved for the export. If the export needs more, Gaussians are
-# removed.
-MOST_RESERVED = 0.6
-# A fit is given at least this many seconds. After a shorter fit, one could hardly recognise the
-# picture.
-LEAST_FIT_S = 0.15
 # A fit has at least this number of Gaussians. If the time is too short for them, the fit has fewer
 # steps instead.
 FEWEST = 150
@@ -281,9 +263,11 @@ class TimeBudget:
     renderer: str = DEFAULT_RENDERER
 
     def __post_init__(self) -> None:
-        self._export_s = EXPORT + EXPORT_PIXEL * self.measured
+        # Seconds of an export, to which each Gaussian adds EXPORT_GAUSSIAN.
+        self._export_s = 0.06 + 1.3e-6 * self.measured
         self._start_s = STARTS.get(self.renderer, 0.0)
-        self._predicted = self._taken = PRIOR_S
+        # The sums do not begin with 0, so that the first steps change their ratio only a little.
+        self._predicted = self._taken = 0.03
         # Seconds that all steps so far took, divided by the seconds that were predicted for them.
         self._slowness = 1.0
         # The time at which the last step ended, and the number of Gaussians in that step.
@@ -345,12 +329,17 @@ class TimeBudget:
         time does not count as time of the fit.
         """
         whole = self.deadline - self._begun
-        fitting = whole - min(self._reserved_s(self._reserved_for), MOST_RESERVED * whole)
-        return self._begun + max(self._share * fitting, LEAST_FIT_S)
+        # If the export needs more than .6 of the time, Gaussians are removed. A fit of less than
+        # .15 s could hardly be recognised.
+        fitting = whole - min(self._reserved_s(self._reserved_for), 0.6 * whole)
+        return self._begun + max(self._share * fitting, 0.15)
 
     def _step_s(self, pixels: int) -> float:
-        """Return the predicted seconds of a step, without the time that each Gaussian adds."""
-        return STEP + STEP_PIXEL * pixels / (1 + SECOND_THREAD * (self.threads - 1))
+        """Return the predicted seconds of a step, without the time that each Gaussian adds.
+
+        All threads work on the pixels. Each one after the first adds .8 of the first one's speed.
+        """
+        return 5e-4 + 3.3e-8 * pixels / (1 + 0.8 * (self.threads - 1))
 
     def _left_s(self) -> float:
         return max(self.deadline - time.perf_counter(), 0.0)

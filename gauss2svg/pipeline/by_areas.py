@@ -42,19 +42,18 @@ from gauss2svg.areas.scenes import as_rasterized, refined_areas
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import shrunk
-from gauss2svg.pipeline.area_colors import with_shared_colors, with_solved_colors
 from gauss2svg.pipeline.by_count import ByCount
-from gauss2svg.pipeline.export import Exporter
-from gauss2svg.pipeline.films import kept
-from gauss2svg.pipeline.inked import (
-    LEAST_EXPLAINED,
+from gauss2svg.pipeline.found import (
     areas_in_inks,
     found_in_inks,
+    kept,
     picture_in_inks,
+    with_shared_colors,
+    with_solved_colors,
 )
 from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
-from gauss2svg.pipeline.outcome import Export, Outcome, Subject
+from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject, scaled_to
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.trials import (
@@ -78,27 +77,19 @@ MOST_UNITS = 20480
 # Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
 # that is left along outlines save squared error too.
 PRICE_OF_NOISE = 2.5 * 255
-# Searches whose areas tell what JPEG changed, and the share of the noise that is left without this
-DECODINGS, LEFT = 2, 0.45
+DECODINGS = 2  # searches whose areas tell what JPEG changed
 TRIES = 6  # largest number of rates that are tried, or half of it if no file is within the limit
-FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
-# If a file is k times as large as the limit, the rate is multiplied by k ** STEEPNESS, but by at
-# least LEAST_RAISE and at most MOST_RAISE.
-STEEPNESS, LEAST_RAISE, MOST_RAISE = 8.0, 3.0, 300.0
+# If a file is k times as large as the limit, the rate is multiplied by about k ** STEEPNESS.
+STEEPNESS = 8.0
 LESS = 8.0  # factor on the rate as long as a file reaches the target
-BETWEEN = 0.2  # share of a search between two reports of its progress
 # A picture is searched without its shading only if it then has less than this share of the areas. A
 # start keeps its nodes unless its file without those that do not pay has less than this share of
 # the bytes, as after a tracer.
 FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
-LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 EDGE_BYTES = 4.0  # bytes of areas for each px of the edges between regions
-IN_INKS = 25.0  # least PSNR in dB of areas in inks. Narrow bands seem to be a gradient of one ink
+LEAST_EXPLAINED = 0.9  # share of a drawing in inks that areas draw. A photo in it has bands else
 FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
-QUICK = 3 * 256 * 256  # values of a picture whose areas are found in half a second
-# A picture with more even cores is no drawing. A smaller one may have fewer of them.
-MOST_CORES, PIXELS_EACH_CORE, LEAST_CORES = 800, 100, 100
 
 
 class _StoppedError(Exception):
@@ -150,8 +141,8 @@ class ByAreas:
             start = subject.start.select([]).replace(areas=areas)
             self._subject = dataclasses.replace(subject, start=start)
         self._start = self._subject.start  # scene whose unchanged areas stay as they are
-        width, height = subject.size
-        most = min(MOST_CORES, max(width * height // PIXELS_EACH_CORE, LEAST_CORES))
+        # A picture with more even cores is no drawing. A smaller one may have fewer of them.
+        most = min(800, max(math.prod(subject.size) // 100, 100))
         self._most_cores = None if plan.prefers_areas else most
 
     def run(self) -> Outcome:
@@ -171,11 +162,7 @@ class ByAreas:
 
     def _scaled_start(self) -> Scene | None:
         """Return the scene of the start, scaled to the working picture."""
-        if (start := self._start) is None:
-            return None
-        width, height = self._subject.size
-        start = start.scaled(width / start.width, height / start.height)
-        return start.replace(width=width, height=height)
+        return None if self._start is None else scaled_to(self._start, self._subject.size)
 
     def _search(self) -> Outcome:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
@@ -189,26 +176,30 @@ class ByAreas:
         # If the search for shapes alone is stopped at once, this is the file.
         goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
         is_free = goal.time_limit is None and self._plan.aim is None
-        if self._is_lost and (run.ended or is_only or is_free) and not self._plan.sketch:
-            trial = self._trials.in_short()
+        is_short = (run.ended or is_only or is_free) and not self._plan.sketch
+        if trial is None:
+            trial = self._trials.in_short() if is_short else self._trials.blank()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         reason = "max_bytes" if self._is_cut else "gain"
         reason = run.end_reason(reason, self._is_late)
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
-        alone = self._outcome(self._steady(self._rastered(trial)), fitted)
+        final = self._steady(self._rastered(trial))
+        run.notify("measure")
+        alone = Outcome(
+            self._plan, subject, final.export, fitted, self._exporter.measured(final.export),
+            corrections=max(self._tries - 1, 0), found=final.found,
+        )  # fmt: skip
         if self._ends() or not self._trials.wants_gaussians(trial):
             return self._judged(alone)
         start = subject.start
-        if start is not None:
-            start = start.select(start.level == ABOVE)
-        start = start if start is not None and len(start) else None
+        start = None if start is None else start.select(start.level == ABOVE) or None
         above = dataclasses.replace(subject, ground=trial.ground, start=start)
         if (most := self._trials.most) < math.inf:
             options = plan.options.changed(gaussians=int(most) - len(trial.ground))
             plan = dataclasses.replace(plan, options=options)
         both = ByCount(plan, above, run).run()
         above.release()
-        is_closer = self._psnr(both) >= self._psnr(alone) + LEAST_GAIN or self._plan.aim is not None
+        is_closer = self._psnr(both) >= self._psnr(alone) + 0.02 or self._plan.aim is not None
         if alone.file.size <= self._limit and not is_closer:
             fitted = alone.fitted.after(both.fitted, run.end_reason(reason))
             alone = dataclasses.replace(alone, fitted=fitted)
@@ -224,7 +215,7 @@ class ByAreas:
 
     def _decode(self, quality: int) -> None:
         """Take out of the picture what JPEG of this quality changed, as its areas tell."""
-        noise = LEFT * self._noise
+        noise = 0.45 * self._noise  # what is left of it
         for _ in range(DECODINGS):
             found = self._found(self._areas)
             if self._ends() or found.drawing is None:
@@ -275,16 +266,7 @@ class ByAreas:
         return both if file.size > self._limit else self._with_file(both, file)
 
     def _with_file(self, outcome: Outcome, file: Export) -> Outcome:
-        measured = self._exporter.measured(file)
-        return dataclasses.replace(outcome, file=file, measured=measured, aim_score=math.nan)
-
-    def _outcome(self, trial: Trial, fitted: FitResult) -> Outcome:
-        """Return the outcome of the areas alone."""
-        self._run.notify("measure")
-        measured, corrections = self._exporter.measured(trial.export), max(self._tries - 1, 0)
-        return Outcome(
-            self._plan, self._subject, trial.export, fitted, measured, corrections, trial.found
-        )
+        return dataclasses.replace(outcome, file=file, measured=self._exporter.measured(file))
 
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found.
@@ -325,41 +307,35 @@ class ByAreas:
         areas = as_rasterized(picture, found.areas, found.background, rasterize, code)
         if areas is found.areas:
             return trial
-        scene = ground.replace(areas=areas)
-        export = self._exporter.unscored(scene)
-        if export.size > self._limit:
-            return trial
-        if has_shapes and self._raster_psnr(export) < self._raster_psnr(trial.export):
-            return trial
-        found = dataclasses.replace(found, areas=areas)
-        return dataclasses.replace(trial, found=found, ground=scene, export=export)
+        new = self._with_areas(trial, areas)
+        worse = has_shapes and self._raster_psnr(new.export) < self._raster_psnr(trial.export)
+        return trial if worse or new.export.size > self._limit else new
+
+    def _with_areas(self, trial: Trial, areas: tuple[Area, ...]) -> Trial:
+        """Return a trial with other areas, and without Gaussians."""
+        scene = trial.ground.select([]).replace(areas=areas)
+        return dataclasses.replace(trial, ground=scene, export=self._exporter.unscored(scene))
 
     def _steady(self, trial: Trial) -> Trial:
         """Return a trial whose areas are those of the start where these draw the same."""
-        start, ground, photo = self._scaled_start(), trial.ground, self._subject.photo
+        start, ground = self._scaled_start(), trial.ground
+        values = 3 * math.prod(self._subject.photo.shape[:2])
         if start is None or len(ground) or len(start) or self._ends():
             return trial
 
         def error_of(areas: tuple[Area, ...]) -> float:
             export = self._exporter.unscored(ground.replace(areas=areas))
-            if export.size > self._limit:
-                return math.inf
-            return (
-                3 * math.prod(photo.shape[:2]) * portable.power(10, -self._raster_psnr(export) / 10)
-            )
+            error = portable.power(10, -self._raster_psnr(export) / 10)
+            return math.inf if export.size > self._limit else values * error
 
-        areas = kept(ground.areas, start.areas, error_of)
-        found = dataclasses.replace(trial.found, areas=areas)
-        scene = ground.replace(areas=found.areas)
-        export = self._exporter.unscored(scene)
-        return dataclasses.replace(trial, found=found, ground=scene, export=export)
+        return self._with_areas(trial, kept(ground.areas, start.areas, error_of))
 
     def _raster_psnr(self, export: Export) -> float:
         """Return the PSNR (dB) of the raster of a file against the photo."""
         return self._subject.psnr(self._exporter.raster(export.svg), self._subject.photo)
 
-    def _best(self) -> Trial:
-        """Return the trial whose areas the file gets."""
+    def _best(self) -> Trial | None:
+        """Return the trial whose areas the file gets, or None if it gets no areas."""
         first = self._found(self._searched, self._so_far)
         start = self._scaled_start()
         if start is not None and not self._ends():
@@ -370,17 +346,16 @@ class ByAreas:
                 first = self._found(self._searched, first)
         self._is_lost |= self._has_strips and self._ends()
         if self._is_lost:
-            return self._trials.trial(nothing(self._subject.working), 0)
+            return None
         trials, is_shaded = list[Trial](), self._has_strips
         is_limited = self._limit < math.inf
         if not is_shaded:
             trials = [self._trials.trial(first)]
-            if (
-                self._plan.in_inks
-                and trials[0].error > portable.power(10, -IN_INKS / 10) * self._trials.values
-            ):
+            # At a PSNR below 25 dB, narrow bands of inks seem to be a gradient of one.
+            far = portable.power(10, -2.5) * self._trials.values
+            if self._plan.in_inks and trials[0].error > far:
                 self._is_lost = True
-                return self._trials.trial(nothing(self._subject.working), 0)
+                return None
             is_seen = self._fills and self._trials.is_visible(trials[0].error)
             is_shaded = trials[0].shaded or is_seen
         if self._subject.start is not None and not self._ends():
@@ -401,7 +376,7 @@ class ByAreas:
             with suppress(_NoFewerError):
                 found = self._found(lambda p: self._unshaded(p, count), so_far, loses)
                 if self._is_lost:
-                    return self._trials.trial(nothing(self._subject.working), 0)
+                    return None
                 trial = self._trials.trial(found)
                 trials.append(dataclasses.replace(trial, cost=trial.cost / STRIPS))
         within = [trial for trial in trials if trial.export.size <= self._limit]
@@ -451,7 +426,7 @@ class ByAreas:
                 rate = math.sqrt(low * high)
             else:
                 raised = portable.power(finest.export.size / self._limit, STEEPNESS)
-                rate *= min(max(raised, LEAST_RAISE), MOST_RAISE)
+                rate *= min(max(raised, 3.0), 300.0)
             trial = self._trials.trial(self._dearer(finest, rate, shaded))
             if trial.export.size > self._limit:
                 low, finest = rate, trial
@@ -461,7 +436,7 @@ class ByAreas:
                 best, high = trial, rate
             is_shaded = trial.expected < SHADED * trial.error and bool(trial.found.areas)
             rises = is_better and is_shaded and self._trials.is_visible(trial.expected)
-            if not is_better or (trial.export.size > FULL * self._limit and not rises):
+            if not is_better or (trial.export.size > 0.9 * self._limit and not rises):
                 break
         return best or self._trials.trial(nothing(self._subject.working))
 
@@ -483,8 +458,7 @@ class ByAreas:
 
     def _is_over(self) -> bool:
         """Return whether the run has to end: it is stopped, or its time for fitting is over."""
-        deadline = self._run.budget.fit_ends()
-        self._is_late = deadline is not None and time.perf_counter() > deadline
+        self._is_late = time.perf_counter() > self._run.budget.fit_ends()
         return self._run.stop() or self._is_late
 
     def _ends(self) -> bool:
@@ -505,12 +479,12 @@ class ByAreas:
         def progress(done: float, present: Callable[[], FoundAreas] | None) -> None:
             nonlocal newest, due, is_first
             # The areas of a small picture are found so fast that a stopped run waits for them.
-            waits = newest is None and 3 * math.prod(self._subject.size) <= QUICK
+            waits = newest is None and math.prod(self._subject.size) <= 256 * 256
             ends = self._is_over() and (self._is_late or not waits)
             ends |= newest is None and time.perf_counter() > latest
             if done < due and not ends:
                 return
-            due, now = done + BETWEEN, None
+            due, now = done + 0.2, None
             if present is not None:
                 newest = present()
                 if is_first and ends_with is not None and not ends:
@@ -541,15 +515,12 @@ class ByAreas:
 
     def _searched(self, progress: Progress) -> FoundAreas:
         """Return the areas of the picture, or those of the start, at the usual rate."""
-        subject = self._subject
-        if (start := subject.start) is None:
+        if self._subject.start is None:
             return self._areas(progress, glance=self._glance)
-
-        width, height = subject.size
-        areas = start.scaled(width / start.width, height / start.height).areas
+        start, picture = scaled_to(self._subject.start, self._subject.size), self._subject.working
         # Its nodes are kept, and Gaussians draw the shading if it has any.
-        shaded, unit = len(start) > 0, self._unit
-        return refined_areas(subject.working, areas, start.background, 0.0, unit, progress, shaded)
+        areas, ground, shaded = start.areas, start.background, len(start) > 0
+        return refined_areas(picture, areas, ground, 0.0, self._unit, progress, shaded)
 
     def _areas(
         self, progress: Progress, rate: float | None = None, shaded: bool = False,

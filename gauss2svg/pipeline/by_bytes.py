@@ -42,8 +42,14 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.metrics import psnr_of
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, shrunk, views
-from gauss2svg.pipeline.export import filled
-from gauss2svg.pipeline.outcome import Export, Outcome, Subject, without_gaussians
+from gauss2svg.pipeline.outcome import (
+    Export,
+    Outcome,
+    Subject,
+    filled,
+    limit_error,
+    scaled_to,
+)
 from gauss2svg.pipeline.palette import Rows
 from gauss2svg.pipeline.plan import (
     INDISTINGUISHABLE,
@@ -71,18 +77,9 @@ BytesOf = Callable[[str], int]
 # of each exponent takes bytes.
 EXPONENTS = (6000, BETA_CLASSES), (2200, (1.0, 3.0)), (0, (3.0,))
 DEFINITION = 5  # an exponent's definition takes as many bytes as this number of shapes
-# If most shapes of a fit are too small or too faint to be written, the file has very few bytes per
-# shape. The next fit must not rely on this, so it assumes that a shape takes at least its expected
-# bytes divided by this number.
-SHORTER = 3.0
 # A fit has more shapes than fit into the limit: this multiple of their number. The least useful
 # ones are left out of the file.
 SPARE = 1.03
-
-# The longest side of the working picture in px is the square root of the number of shapes,
-# multiplied by this number.
-SIDE_PER_ROOT = 12.0
-LEAST_SIDE = 96  # px. The longest side of the working picture is at least this
 # If the limit in bytes is below this, every second fit has only plain ellipses.
 PLAIN_UNDER = 900
 # If at most this number of shapes fits into the limit, there are 3 fits, and each is written with 2
@@ -90,11 +87,6 @@ PLAIN_UNDER = 900
 FEW_UP_TO = 60
 ITERATIONS = 200  # number of steps of a fit
 
-# A picture is flat if at least FLAT_SHARE of its pixels have one of its FLAT_COLORS most frequent
-# colours. Its edges are crisp, so it is fitted at FLAT_SIDE px, in more steps, with plain ellipses
-# alone, and written in finer units (docs/decisions/small.md).
-FLAT_SHARE, FLAT_COLORS = 0.4, 4
-FLAT_SIDE, FLAT_ITERATIONS, FLAT_UNITS = 640, 600, 3.0
 # Each pair is for one fit: the way in which shapes are placed, and a factor on the learning rate.
 FITS = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
 
@@ -137,7 +129,7 @@ class ByBytes:
         self.flat = min(flat, key=attrgetter("size"))
         self._shape_bytes = self._limit - self.flat.size  # bytes left for shapes
         if self._shape_bytes < 0:
-            raise without_gaussians(self.flat.size, self._limit)
+            raise limit_error(self.flat.size, self._limit)
         # For each tuple of exponents, the bytes per shape in the last file with these exponents.
         self._each: dict[Exponents, float] = {}
         self._set_up()
@@ -151,17 +143,20 @@ class ByBytes:
         """Reduce the working picture. Decide which fits, exponents, grids and digits to try."""
         photo, canvas, options = self.subject.photo, self.subject.canvas, self._plan.options
         learned = options.fit.learned_falloff
-        self._is_flat = learned and flat_share(photo) >= FLAT_SHARE
+        # The edges of a flat picture are crisp. So it is fitted at 640 px, in more steps, with
+        # plain ellipses alone, and written in finer units (docs/decisions/small.md).
+        self._is_flat = learned and flat_share(photo) >= 0.4
         exponents = next(classes for least, classes in EXPONENTS if self._limit >= least)
         exponents = () if self._is_flat else exponents
         self._exponents: Exponents = exponents if learned else (1.0,)
         count = self._shape_bytes / self._expected(exponents)
         few = count <= FEW_UP_TO
-        side = min(max(SIDE_PER_ROOT * math.sqrt(max(count, 1)), LEAST_SIDE), WHOLE_SIDE)
+        # px of the working picture's longest side
+        side = min(max(12 * math.sqrt(max(count, 1)), 96), WHOLE_SIDE)
         self._fits_to_do = FITS if few else FITS[:2]
         self._grids = (1.2, 0.8) if few else (1.0,)
         if self._is_flat:
-            side, self._grids = FLAT_SIDE, tuple(FLAT_UNITS * grid for grid in self._grids)
+            side, self._grids = 640, tuple(3 * grid for grid in self._grids)
         side *= elongation(*canvas)
         side = min(side, options.run.max_size or side, max(photo.shape[:2]))
         width, height = (max(1, round(length * side / max(canvas))) for length in canvas)
@@ -242,7 +237,7 @@ class ByBytes:
         tune, rate = self._plan.tune, rate * options.learning_rate
         config = FitConfig(
             gaussians=count,
-            iterations=options.iterations or (FLAT_ITERATIONS if self._is_flat else ITERATIONS),
+            iterations=options.iterations or (600 if self._is_flat else ITERATIONS),
             fit=dataclasses.replace(options, tune=tune, learning_rate=rate),
             densify=DensifyOptions(init=init),  # pyright: ignore[reportArgumentType]
             reduce=False,
@@ -265,9 +260,7 @@ class ByBytes:
         )
         session.fit()
         self.fits.append(session.result())
-        scene, (width, height) = session.scene(), subject.canvas
-        scene = scene.scaled(width / scene.width, height / scene.height)
-        return scene.replace(width=width, height=height)
+        return scaled_to(session.scene(), subject.canvas)
 
     def _written(self, fitted: Scene, exponents: Exponents) -> Export:
         """Write a scene with each grid and number of digits. Return the closest file by its model.
@@ -292,7 +285,9 @@ class ByBytes:
             if best is self.flat or file.score > best.score:
                 shapes = len(fitted) + DEFINITION * len(exponents)
                 each = (whole.size - self.flat.size) / shapes
-                self._each[exponents] = max(each, self._expected(exponents) / SHORTER)
+                # If most shapes are too small or too faint to be written, the file has very few
+                # bytes per shape. The next fit must not rely on this.
+                self._each[exponents] = max(each, self._expected(exponents) / 3)
                 best = file if file.size <= self._limit else best
             if file is whole:
                 break
@@ -313,12 +308,12 @@ class ByBytes:
 
 
 def flat_share(pixels: NDArray[np.float32]) -> float:
-    """Return the share of pixels (h, w, c) that have one of the most frequent 8-bit colours."""
+    """Return the share of pixels (h, w, c) that have one of the 4 most frequent 8-bit colours."""
     down, across = (max(1, side // WHOLE_SIDE) for side in pixels.shape[:2])
     levels = np.round(pixels[::down, ::across] * 255).astype(np.int64)
     numbers = levels @ 256 ** np.arange(pixels.shape[2])
     counts = np.sort(np.unique(numbers, return_counts=True)[1])
-    return float(counts[-FLAT_COLORS:].sum() / numbers.size)
+    return float(counts[-4:].sum() / numbers.size)
 
 
 def with_few_exponents(scene: Scene, exponents: Exponents) -> Scene:

@@ -19,23 +19,14 @@ from gauss2svg import portable
 from gauss2svg.fit import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import DensificationPolicy, FitSession
 from gauss2svg.photo.pixels import over
-from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.limits import Limits
-from gauss2svg.pipeline.outcome import Export, Outcome, Subject
+from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 
-# Corrections of the number of Gaussians (docs/decisions/monotone.md).
-CORRECTIONS = 5  # largest number of corrections
-# The same for at least FEW Gaussians above areas, because the areas draw most of the picture.
-CORRECTIONS_ABOVE_AREAS, FEW = 2, 40
 CORRECTION_SHARE = 0.25  # number of steps of a correction, as a share of the steps of the fit
-LEAST_STEPS = 40  # smallest number of steps of a correction
-# A run for a portable file begins with an additive fit. This fit may take this share of the time
-# for fitting.
-ADDITIVE_SHARE = 0.35
 
 
 class ByCount:
@@ -66,8 +57,8 @@ class ByCount:
                 run.notify("measure")
             exports.append(self._exporter.export(session.scene()))
             count = len(session.state)
-            is_small_part = plan.rate and plan.aim is None and count >= FEW
-            most = CORRECTIONS_ABOVE_AREAS if is_small_part else CORRECTIONS
+            # Above areas, which draw most of the picture, fewer corrections suffice.
+            most = 2 if plan.rate and plan.aim is None and count >= 40 else 5
             ends = run.ended or session.clock.out_of_time
             if ends or not plan.goal.count_adapts or len(exports) > most:
                 break
@@ -84,10 +75,7 @@ class ByCount:
         kept = "start" if best in self._first else self._policy.stop_reason
         reason = run.end_reason(kept, session.clock.out_of_time)
         fitted = session.result().after(additive, reason)
-        return Outcome(
-            plan, subject, best, fitted, measured, len(exports) - 1,
-            aim_score=math.nan if plan.aim is None else best.score,
-        )  # fmt: skip
+        return Outcome(plan, subject, best, fitted, measured, len(exports) - 1)
 
     def _fitted(self) -> tuple[FitSession, FitResult | None]:
         """Run the fit whose scene the first file shows. Return this fit.
@@ -100,7 +88,7 @@ class ByCount:
         plan, limits, run, additive = self._plan, self._limits, self._run, None
         run.stop()
         if plan.options.svg.portable:
-            run.budget.begin_fit(limits.expected, ADDITIVE_SHARE)
+            run.budget.begin_fit(limits.expected, share=0.35)
             self._phase = "additive"
             first = self._session(over(self._subject.working), plan.config(ADD))
             first.fit()
@@ -145,7 +133,7 @@ class ByCount:
         session.refine(count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)), keeps)
 
     def _steps(self, share: float) -> int:
-        return max(LEAST_STEPS, round(share * (self._plan.fit_config.iterations or 0)))
+        return max(40, round(share * (self._plan.fit_config.iterations or 0)))
 
     def _session(self, pixels: NDArray[np.float32], config: FitConfig) -> FitSession:
         """Return a fit that reports its progress under the present phase of the search."""

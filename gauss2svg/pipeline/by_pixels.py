@@ -13,19 +13,13 @@ import numpy as np
 from gauss2svg.areas.find import FoundAreas
 from gauss2svg.areas.pixels import Sprite, areas_of_sprite
 from gauss2svg.fit import FitResult
-from gauss2svg.measure.roundtrip import round_trip
-from gauss2svg.pipeline.inked import sprite_in_inks
+from gauss2svg.pipeline.found import sprite_in_inks
 from gauss2svg.pipeline.options import AUTO
-from gauss2svg.pipeline.outcome import Export, Outcome, Subject
+from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
-from gauss2svg.scene.areas import Area, Color
 from gauss2svg.svg import MINIMAL, SvgFormat
-from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.write import write_svg
-
-OPACITY_DECIMALS = 3  # opacities of 8 bits are then off by an eighth of a level
 
 
 def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> Iterator[Outcome]:
@@ -45,35 +39,28 @@ def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> It
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         areas, ground = areas_of_sprite(sprite, overlap)
         fitted_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        scene = _scene(subject, sprite, areas, ground)
+        (width, height), (rows, columns) = subject.canvas, sprite.cells.shape
+        scale = width / (columns * sprite.side), height / (rows * sprite.side)
+        scene = Scene(
+            width, height, background=np.ones(3) if ground is None else np.array(ground),
+            transparent=ground is None, areas=tuple(area.scaled(*scale) for area in areas),
+        )  # fmt: skip
         run.notify("write")
-        written = _format(one, scene)
-        svg = write_svg(scene, written, subject.document)
-        size = len(file_bytes(svg, plan.counts_gzipped))
-        if size <= (plan.goal.byte_limit or math.inf):
+        exporter = Exporter(one, subject)
+        file = exporter.written(scene, _format(one, scene))
+        if file.size <= (plan.goal.byte_limit or math.inf):
             run.notify("measure")
-            measured = round_trip(svg, scene, subject.photo, plan.options.run.renderer)
+            measured = exporter.measured(file)
             found = FoundAreas(areas, ground, 1.0, measured.psnr_model, fitted_s[0], 0.0)
             fitted = FitResult(scene, 0, 0, *fitted_s, 0, "gain")
-            file = Export(scene, svg, written, size)
             yield Outcome(one, subject, file, fitted, measured, 0, found=found)
             return
 
 
-def _scene(
-    subject: Subject, sprite: Sprite, areas: tuple[Area, ...], ground: Color | None
-) -> Scene:
-    """Return a scene of areas on the canvas of the file. Areas are in px of the sprite."""
-    (width, height), (rows, columns) = subject.canvas, sprite.cells.shape
-    scale = width / (columns * sprite.side), height / (rows * sprite.side)
-    areas = tuple(area.scaled(*scale) for area in areas)
-    background = np.ones(3) if ground is None else np.array(ground)
-    return Scene(width, height, background=background, transparent=ground is None, areas=areas)
-
-
 def _format(plan: Plan, scene: Scene) -> SvgFormat:
     """Return the format of a file whose user unit is as large as the outlines allow."""
-    svg_format = dataclasses.replace(plan.format_at(), opacity_decimals=OPACITY_DECIMALS)
+    # With 3 decimals, opacities of 8 bits are off by an eighth of a level.
+    svg_format = dataclasses.replace(plan.format_at(), opacity_decimals=3)
     if plan.options.svg.precision is not None:
         return svg_format
     points = np.array([p for area in scene.areas for one in area.outlines for p in one.points])

@@ -41,15 +41,8 @@ from gauss2svg.fit import schedule
 from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.measure import PSNR, Search
 from gauss2svg.pipeline.budgets import TimeBudget
-from gauss2svg.pipeline.export import Exporter
-from gauss2svg.pipeline.outcome import Export
-from gauss2svg.pipeline.plan import (
-    CAP_FOR_TARGET,
-    GZIPPED_SHARE,
-    USUAL_BYTES,
-    Aim,
-    Plan,
-)
+from gauss2svg.pipeline.outcome import Export, Exporter
+from gauss2svg.pipeline.plan import CAP_FOR_TARGET, GZIPPED_SHARE, USUAL_BYTES, Aim, Plan
 
 FIRST_ROUND = 8  # number of Gaussians in the first round of growth
 # A round of growth has too few steps to converge. At its end, its new Gaussians have gained only
@@ -66,15 +59,7 @@ MOST_CHANGE = 0.3  # largest change of the count at one adjustment, as a share o
 # The time that is left is enough for a certain number of Gaussians. Refinement removes Gaussians
 # for lack of time only if there are more than this multiple of that number.
 TOO_MANY = 2.0
-# An adjustment that would change the count by at most this share is left out.
-LEAST_CHANGE = 0.02
-LEAST_ROUND = 1.1  # a round begins only if it multiplies the count by at least this
-# The slope is computed only from rounds that add more than this number of doublings. In a smaller
-# round, most of the gain comes from convergence and not from the new Gaussians.
-WHOLE_ROUND = 0.6
 LEAP = 4  # growth leaps only if the leap multiplies the count by more than this
-# Smallest and largest plausible slope of growth, in dB for each doubling of the count.
-FLATTEST, STEEPEST = 0.5, 8.0
 
 # How many Gaussians fit into a limit of bytes (docs/decisions/markup.md). Growth measures the bytes
 # of a shape as soon as there are at least this many Gaussians, and again whenever the number of
@@ -84,12 +69,6 @@ MEASURED_AGAIN = 3
 # Growth aims at this multiple of the limit. The least useful Gaussians are pruned later.
 OVERFILL_GROWING = 1.25
 OVERFILL_REFINING = 1.04  # refinement aims at this multiple until the Gaussians are quantised
-# A Gaussian has nine numbers, and three pixels have nine values. So there must be at least this
-# number of pixels for each Gaussian. In a run with a budget of bytes or seconds, two are enough.
-LEAST_PIXELS_EACH = 3
-LEAST_PIXELS_EACH_OF_BUDGET = 2
-# Writing the file is expected to raise the squared error of the scene by this share.
-WRITING_LOSS = 0.06
 
 # Corrections of the count (docs/decisions/monotone.md and numbers.md).
 FULL = 0.985  # a file is full if it has more than this share of the allowed bytes
@@ -105,10 +84,6 @@ ENOUGH = Search(
 # Corrections for a preset do not reduce the count below this, because so few shapes take only a
 # kilobyte or two, and the loss of each would be visible.
 LEAST_REDUCED = 16
-SAME_COUNT = 0.004  # a count is not corrected if it would change by at most this share
-# The slope is computed from the last two exports only if their counts differ by more than this
-# number of doublings. If they differ by less, the difference of their scores is largely chance.
-TELLING = 0.25
 # Several small changes of the count give a better result than a single large one. So a correction
 # changes the count by at most MOST_CORRECTED doublings or halvings. A correction that aims at the
 # PSNR of a preset, and not at a target, reduces the count by at most MOST_REDUCED halvings.
@@ -139,7 +114,8 @@ class Limits(DensificationPolicy):
         goal, aim = plan.goal, plan.aim
         usual = plan.shape_bytes
         self._bytes_each = usual * (GZIPPED_SHARE if plan.counts_gzipped else 1.0)
-        each = LEAST_PIXELS_EACH_OF_BUDGET if plan.is_budget else LEAST_PIXELS_EACH
+        # A Gaussian has nine numbers, as three pixels have. With a budget, two are enough.
+        each = 2 if plan.is_budget else 3
         cap = min(plan.preset.cap, max(1, pixels // each))
         # Corrections may raise the count up to this number. Growth may raise it only up to
         # `expected`.
@@ -150,7 +126,8 @@ class Limits(DensificationPolicy):
             self._cap_reason, self._psnr = "gaussians", math.inf
         # Only PSNR has no usual slope. Growth measures it, so growth can aim at a target PSNR.
         if aim is not None and aim.search.slope is None:
-            writing = 10 * portable.log10(1 + WRITING_LOSS)
+            # Writing the file is expected to raise the squared error of the scene by 6 %.
+            writing = 10 * portable.log10(1.06)
             self._psnr_reason, cap = aim.of.option, self._most
             self._psnr = aim.value + aim.search.margin + writing
         # If the target is not a PSNR, growth cannot aim at it. Growth then ends at the preset's
@@ -213,7 +190,7 @@ class Limits(DensificationPolicy):
             psnr += CONVERGES_AFTER_ROUND * max(psnr - self._converges_above, 0.0)
             self._learn(now, last)
         wanted = self._wanted(now.count, psnr, counts)
-        if wanted >= LEAST_ROUND * now.count and wanted:
+        if wanted >= 1.1 * now.count and wanted:
             return min(math.ceil(wanted), max(2 * now.count, self._first))
         if self.stop_reason == "gain":
             # Above areas, a leap may gain what the preset asks, but less than the price of a byte.
@@ -244,7 +221,7 @@ class Limits(DensificationPolicy):
         # The palette is chosen before it costs this loss, so at a PSNR that is higher by it.
         counts = self._counts(now, in_time, psnr + self._plan.preset.color_loss)
         wanted = self._wanted(now.count, psnr, counts)
-        if abs(wanted - now.count) <= LEAST_CHANGE * now.count:
+        if abs(wanted - now.count) <= 0.02 * now.count:
             return now.count
         return int(min(math.ceil(min(max(wanted, least), most)), *counts.values()))
 
@@ -307,8 +284,9 @@ class Limits(DensificationPolicy):
         added = now.count - last.count
         doublings = portable.log2(now.count / last.count) if last.count else 1.0
         rise = gain / doublings
-        if doublings > WHOLE_ROUND:
-            self.slope = min(max(rise, FLATTEST), STEEPEST)
+        # In a smaller round, most of the gain comes from convergence and not from new Gaussians.
+        if doublings > 0.6:
+            self.slope = min(max(rise, 0.5), 8.0)
         if self.least_gain:
             # At this count, one more kilobyte gains exactly as many dB as the preset demands.
             self._paying_count = rise / ((self._rate_gain or self.least_gain) * portable.log(2))
@@ -370,7 +348,7 @@ class Limits(DensificationPolicy):
         counts = {"enough" if plan.aim is None else "iterations": needed, **counts}
         self.stop_reason = min(counts, key=counts.__getitem__)
         wanted = int(counts[self.stop_reason])
-        if abs(wanted - count) <= SAME_COUNT * count:
+        if abs(wanted - count) <= 0.004 * count:
             return count
         if self._budget.must_export:
             self.stop_reason = "time_limit"
@@ -424,7 +402,8 @@ class Limits(DensificationPolicy):
             before, last = exports[-2:]
             doublings = portable.log2(len(last.scene) / max(len(before.scene), 1))
             rise = last.score - before.score
-            if abs(doublings) > TELLING and rise / doublings > 0:
+            # If the counts differ by less, the difference of the scores is largely chance.
+            if abs(doublings) > 0.25 and rise / doublings > 0:
                 slope = rise / doublings
         return min(max(slope, least), most)
 

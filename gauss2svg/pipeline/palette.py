@@ -1,23 +1,35 @@
 """Quantisation of a scene's colours and exponents to a palette, by weighted k-means.
 
 The file has one gradient for each entry of the palette, so fewer entries make a smaller file.
+
+k-means gives the entries of a palette to frequent colours, so the only red thing in a photo would
+get the colour of its surroundings. A pixel depends linearly on the colours of its shapes, so what a
+palette does to a picture is rendered as a picture is:
+
+    palette -> change of the hue of each shape -> change at each pixel -> its mean over a window
+    -> shapes that show where this mean is large -> another entry, or entries of their own -> ..
+
+The hue of a colour is its a and b of CIELAB. docs/decisions/palette.md explains the constants.
 """
 
 from __future__ import annotations
 
+import heapq
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.errors import quoted, refusal, required
-from gauss2svg.pipeline.clusters import Rows, few_entries
-from gauss2svg.pipeline.hues import LARGEST_CHANGE, HueChange, keep_hues
+from gauss2svg.measure.hue import WINDOW, box_mean, chroma
+from gauss2svg.render.cpu import moments_of_gradient, render_planar, splats_of
 from gauss2svg.render.weights import visible_mass
 from gauss2svg.scene import ADD, BLURRED, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 from gauss2svg.svg.forms import GRADIENT, as_written, is_plain, with_falloffs
+from gauss2svg.without_scipy import nearest_entry, weighted_means
 
 # Shapes are clustered by their colours, which are in 0..1, and by their exponents beta. For this,
 # ln beta is multiplied by this factor. This value of the factor is the best for photos, and nearly
@@ -133,3 +145,252 @@ def quantize(
     beta, color = written.beta.copy(), written.color.copy()
     color[shaded], beta[shaded] = colors[entry], exponents[entry]
     return with_falloffs(scene, beta).replace(color=color, drawn=written.drawn)
+
+
+# Number of iterations of Lloyd's algorithm. Twice as many improve the result by less than 2 %.
+ITERATIONS = 6
+# Clusters are split until their error is at most a bound. The first bound is the allowed error
+# multiplied by this factor. The factor may be larger than 1, because Lloyd's algorithm then removes
+# about a tenth of the clusters' error.
+CLUSTER_SPARE = 1.12
+Rows = NDArray[np.float64]
+# Entries (k, d), and the index (n,) of each feature's entry.
+Palette = tuple[Rows, NDArray[np.intp]]
+
+
+def few_entries(
+    features: Rows,
+    weight: Rows,
+    count: int,
+    allowed: float,
+    rounded: Callable[[Rows], Rows],
+) -> Palette:
+    """Choose a palette of at most `count` entries for n features (n, d).
+
+    Return the entries (k, d), and an array (n,) with the index of each feature's entry.
+
+    allowed  largest weighted squared error that the entries may cause. The larger it is, the fewer
+             entries there are. 0: there are as many as are needed, up to `count`
+    rounded  function that rounds features to values that a file can contain
+    """
+    kept, entry_kept = np.unique(rounded(features), axis=0, return_inverse=True)
+    exact, distinct = (kept, entry_kept.reshape(-1)), len(kept)
+    if distinct <= 1 or (allowed <= 0 and distinct <= count):
+        return exact
+    floor = max(float(weight.mean()), np.finfo(np.float64).tiny) * 1e-3
+    # Each weight is raised a little, so that the colours of hardly visible shapes count too.
+    weight = weight + floor
+
+    def loss(entries: Rows, entry: NDArray[np.intp]) -> float:
+        return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
+
+    def refined(entries: Rows) -> Palette:
+        """Improve entries by Lloyd's algorithm.
+
+        Return the improved entries, and an array with the index of each feature's entry.
+        """
+        for _ in range(ITERATIONS):
+            entry = nearest_entry(entries, features)[1]
+            entries = weighted_means(features, weight, entry, entries)[np.unique(entry)]
+        entries = np.unique(rounded(entries), axis=0)
+        return entries, nearest_entry(entries, features)[1]
+
+    if distinct <= count and loss(*exact) > allowed:
+        # Rounding alone causes more error than is allowed. Fewer entries would cause still more.
+        return exact
+    most, aim = min(count, distinct), allowed * CLUSTER_SPARE
+    clusters = Clusters(features, weight)
+    while True:
+        clusters.split(most, aim)
+        entries, entry = refined(clusters.means)
+        excess = loss(entries, entry) - allowed
+        if excess <= 0:
+            return entries, entry
+        if clusters.left > aim or len(clusters) >= most or aim <= 0.1 * allowed:
+            # More splits would not help. The error is too large only because colours are rounded,
+            # or because no more entries are allowed.
+            return exact if distinct <= count else (entries, entry)
+        # More clusters are split until they have less error, by the excess and by at least 6 %.
+        aim = min(0.94 * aim, aim - excess)
+
+
+class Clusters:
+    """Clusters of features. Again and again, the one with the largest error is split in two.
+
+    It is split at its mean, across the direction of its largest variance (Wan, Wong and
+    Prusinkiewicz, "An algorithm for multidimensional data clustering", 1988).
+
+    left  weighted squared error of all features against the means of their clusters
+    """
+
+    def __init__(self, features: Rows, weight: Rows) -> None:
+        self._features, self._weight = features, weight
+        self._heap = [self._cluster(np.arange(len(features)))]
+        self.left = -self._heap[0][0]
+
+    def __len__(self) -> int:
+        return len(self._heap)
+
+    @property
+    def means(self) -> Rows:
+        """Means (k, d) of the clusters."""
+        return np.array([mean for _, _, _, mean, _ in self._heap])
+
+    @property
+    def members(self) -> list[NDArray[np.intp]]:
+        """Indices of the features of each cluster."""
+        return [members for _, _, members, _, _ in self._heap]
+
+    def split(self, count: int, aim: float) -> None:
+        """Split clusters until there are `count`, or until the error is at most `aim`."""
+        while len(self._heap) < count and self.left > aim:
+            worst, _, members, _, above = self._heap[0]
+            if above.all() or not above.any():  # all members of each cluster are equal
+                break
+            parts = self._cluster(members[above]), self._cluster(members[~above])
+            heapq.heapreplace(self._heap, parts[0])
+            heapq.heappush(self._heap, parts[1])
+            self.left += worst - parts[0][0] - parts[1][0]
+
+    def _cluster(self, members: NDArray[np.intp]) -> tuple[float, int, NDArray, NDArray, NDArray]:
+        share = self._weight[members, None]
+        mean = (share * self._features[members]).sum(axis=0) / share.sum()
+        offset = self._features[members] - mean
+        axis = portable.main_axis(np.sqrt(share) * offset)
+        spread = float((share * np.square(offset)).sum())
+        # The heap compares these tuples. Clusters of equal error are ordered by the index of their
+        # first member, so that the arrays are never compared.
+        return -spread, int(members[0]), members, mean, portable.product(offset, axis) > 0
+
+
+LARGEST_CHANGE = 4.0  # largest change of hue by a palette, as a mean over a window
+# A shape is blamed for the change at its place if it changes the hue there by at least this share
+# of LARGEST_CHANGE.
+BLAMED = 0.9
+# A blamed shape gets another entry of the palette if the distance of their features is at most
+# this. Otherwise it gets a new entry.
+NEAR = 0.1
+# In each time, the places are mended whose change is at least this share of the largest one.
+WORST = 0.6
+# The longest side in px at which the change is rendered. Larger pictures are reduced, and the
+# window with them.
+LARGEST_SIDE = 512
+_SCALE = 100.0  # hues are divided by this, so that they are about as large as colours
+
+
+class HueChange:
+    """The change of hue that a palette makes in the picture of a scene.
+
+    shaded  (n,) whether a shape gets its colour from the palette
+    hues    (m, 2) hues of the m shaded shapes
+    """
+
+    def __init__(self, scene: Scene, shaded: NDArray[np.bool_]) -> None:
+        longest = max(scene.width, scene.height)
+        side = min(longest, LARGEST_SIDE)
+        # A picture that is reduced to LARGEST_SIDE was measured at about twice this size.
+        self._window = WINDOW if side == longest else WINDOW // 2 + 1
+        self._width, self._height = (
+            max(1, round(length * side / longest)) for length in (scene.width, scene.height)
+        )
+        scale = self._width / scene.width, self._height / scene.height
+        self._splats, self._shaded = splats_of(scene, scale), np.flatnonzero(shaded)
+        self.hues = chroma(scene.color[shaded])
+
+    def of(self, colors: Rows) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the change of hue of each shaded shape (m, 2), and at each pixel (2, h, w).
+
+        The change at a pixel is the mean over a window around it.
+
+        colors  (m, 3) colours of the shaded shapes in a palette
+        """
+        own = chroma(colors) - self.hues
+        shown = np.zeros_like(self._splats.opacity_color)
+        shown[:, 0] = self._splats.opacity
+        shown[self._shaded, 1:3] = own / _SCALE
+        splats = self._splats._replace(opacity_color=shown, background=np.zeros(3))
+        planes = render_planar(splats, self._height, self._width)[:2]
+        return own, _SCALE * box_mean(planes, self._window)
+
+    def largest(self, colors: Rows) -> float:
+        """Return the largest change of hue of any place by these colours of the shaded shapes."""
+        return float(portable.hypot(*self.of(colors)[1]).max())
+
+    def seen(self, planes: NDArray[np.floating]) -> Rows:
+        """Return the sums (m, 3) of three planes, weighted by what each shaded shape shows."""
+        planes = np.ascontiguousarray(planes, np.float32)
+        # The columns 6 to 8 of the moments are those of the colour (gauss2svg.render.kernels).
+        return moments_of_gradient(self._splats, planes)[self._shaded, 6:9]
+
+
+def keep_hues(
+    change: HueChange,
+    features: Rows,
+    palette: Palette,
+    count: int,
+    rounded: Callable[[Rows], Rows],
+) -> Palette:
+    """Return the palette with other and more entries, so that no place changes its hue visibly.
+
+    features  (m, 4) features of the shaded shapes, of which the first three are the colour
+    palette   palette to begin with
+    count     largest number of entries. If it is reached, the hue of some places still changes
+    rounded   function that rounds features to values that a file can contain
+    """
+    entries, entry = palette[0], palette[1].copy()
+    for _ in range(12):  # times that entries are added, at most
+        own, local = change.of(entries[entry, :3])
+        size = portable.hypot(*local)
+        hot = size > max(LARGEST_CHANGE, WORST * float(size.max()))
+        if not hot.any() or len(entries) >= count:
+            break
+        direction = np.where(hot, local / np.maximum(size, 1e-9), 0)
+        *along, shown = change.seen(np.stack([*direction, hot])).T
+        is_blamed = (own * np.stack(along, axis=1)).sum(axis=1) > BLAMED * LARGEST_CHANGE * shown
+        blamed = np.flatnonzero(is_blamed & (shown > 0.1))  # px that show the shape
+        if not len(blamed):
+            break
+        near = _near(features[blamed], change.hues[blamed], entries)
+        entry[blamed[near >= 0]] = near[near >= 0]
+        rest = blamed[near < 0]
+        groups = _groups(features[rest], change.hues[rest], shown[rest])[: count - len(entries)]
+        for group in groups:
+            members = rest[group]
+            mean = np.average(features[members], axis=0, weights=shown[members])
+            entry[members] = len(entries)
+            entries = np.vstack([entries, rounded(mean[None])])
+    used, entry = np.unique(entry, return_inverse=True)
+    return entries[used], entry.reshape(-1)
+
+
+def _near(features: Rows, hues: NDArray[np.floating], entries: Rows) -> NDArray[np.intp]:
+    """Return the nearest entry of each shape that has its hue, or -1 if it is not within NEAR."""
+    near, own = np.empty(len(features), np.intp), chroma(entries[:, :3])
+    band = max(1, 2**18 // len(entries))  # shapes that are compared at a time, to save memory
+    for first in range(0, len(features), band):
+        part = slice(first, first + band)
+        apart = np.sqrt(np.square(features[part, None] - entries).sum(axis=2))
+        turns = np.square(hues[part, None] - own).sum(axis=2)
+        apart[turns > LARGEST_CHANGE**2] = np.inf
+        near[part] = np.where(apart.min(axis=1) < NEAR, apart.argmin(axis=1), -1)
+    return near
+
+
+def _groups(features: Rows, hues: NDArray[np.floating], weight: Rows) -> list[NDArray[np.intp]]:
+    """Split shapes into groups, the hues of each within LARGEST_CHANGE of their mean.
+
+    Return the indices of the shapes of each group.
+    """
+    wide, groups = [np.arange(len(features))], []
+    both = np.column_stack([features, hues / _SCALE]).astype(np.float64)
+    while wide:
+        group = wide.pop()
+        if not len(group):
+            continue
+        apart = hues[group] - hues[group].mean(axis=0)
+        clusters = Clusters(both[group], weight[group])
+        if portable.hypot(*apart.T).max() > LARGEST_CHANGE:
+            clusters.split(2, 0.0)
+        parts = [group[members] for members in clusters.members]
+        (wide if len(parts) > 1 else groups).extend(parts)
+    return groups

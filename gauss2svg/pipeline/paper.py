@@ -23,35 +23,11 @@ Values = NDArray[np.float32]
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
 
-# The light is found in a reduced picture, whose longest side has SIDE to 2 * SIDE px. Lengths are
-# shares of this side: of the squares in which pixels are compared, of a window that always contains
-# paper, and of the sigma by which light is smoothed.
-SIDE, BLOCK, WINDOW, SMOOTH = 256, 1 / 16, 1 / 12, 1 / 60
-# A pixel may be paper if its luma differs by less than PALE from the upper quartile of its square,
-# as a share of that. MOSTLY is the least share of such pixels, BRIGHT the least median quartile.
-UPPER, PALE, MOSTLY, BRIGHT = 0.75, 0.1, 0.7, 0.5
-FAR, FAR_WEIGHT = 6, 0.02  # factor on this sigma for light from farther away, and its weight
-LEAST_PAPER = 0.5  # share of the picture that is near no ink
-# The grain of paper, in levels, is its median difference from the mean within so many px. Gradients
-# that a program drew have at most .23, and even paper has none.
-GRAIN, AROUND = 0.3, 2
-# Largest standard deviations of a channel of the light divided by their mean, and of a channel of
-# the ink minus their mean. TINTED is the largest difference between two channels of the light.
-COLORED_PAPER, COLORED_INK, TINTED = 0.05, 0.06, 0.3
 # What is darker than DIRT, and than NOISES times the noise of the paper, may be ink. The QUANTILE
-# of its darkness is that of full ink, at least LEAST_INK.
-NOISES, DIRT, QUANTILE, LEAST_INK = 6, 0.1, 0.8, 0.4
-WIDEST = 1 / 50  # half of the width of the widest ink, as a share of the longest side
-# Largest numbers, for each pixel of ink, of pixels that are over 3 px away from ink and have over a
-# quarter of its darkness, and of pixels that are brighter than paper.
-BETWEEN, GLARE = 0.3, 0.05
-
-FINE, AT_ONCE = 6, 2**15  # parts of a pixel's side, and pixels that are divided at once
-NEAR = 4  # px within which the darkest pixel tells how dark a line is
-# A line with less of the full darkness than FAINT is drawn from half of its own darkness on, and
-# one with less than FAINTEST is dirt. So are parts of fewer px than SPECK.
-FAINT, FAINTEST, SPECK = 0.75, 0.4, 1.0
-BRIGHTEST = 0.9  # quantile of the light that becomes the colour of the paper
+# of its darkness is that of full ink.
+NOISES = 6
+DIRT = 0.1
+QUANTILE = 0.8
 
 
 def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Values, str] | None:
@@ -83,7 +59,7 @@ def _sketch_of(pixels: Values) -> tuple[Values, Any] | None:
     Return None if it is no sketch on paper.
     """
     h, w, channels = pixels.shape
-    times = max(max(h, w) // SIDE, 1)
+    times = max(max(h, w) // 256, 1)  # the light is found in a picture of 256 to 512 px
     small = shrunk(pixels, max(h // times, 1), max(w // times, 1))
     if channels != 3 or not _is_mostly_paper(portable.product(small, LUMA)):
         return None
@@ -99,23 +75,26 @@ def _sketch_of(pixels: Values) -> tuple[Values, Any] | None:
     noise, ink = _noise_and_ink(darkness)
     inked = shares[darkness > QUANTILE * ink]
     hues = inked - inked.mean(axis=1, keepdims=True)
-    if not _is_ink(darkness, noise, ink) or hues.std(axis=0).max() > COLORED_INK:
+    if not _is_ink(darkness, noise, ink) or hues.std(axis=0).max() > 0.06:
         return None
-    paper = np.clip(np.quantile(light, BRIGHTEST, axis=(0, 1)), 0, 1)
+    paper = np.clip(np.quantile(light, 0.9, axis=(0, 1)), 0, 1)
     colors = np.stack([paper, paper * np.clip(np.median(inked, axis=0), 0, 1)])
     return _covered(darkness, noise, ink), np.round(255 * colors) / 255
 
 
 def _is_mostly_paper(luma: Values) -> bool:
-    """Return whether most pixels (h, w) are nearly as bright as the bright ones around them."""
-    block = max(round(BLOCK * max(luma.shape)), 1)
+    """Return whether most pixels (h, w) are nearly as bright as the bright ones around them.
+
+    A pixel is if its luma is within 10 % of the upper quartile of a square around it.
+    """
+    block = max(round(max(luma.shape) / 16), 1)
     rows, columns = (side // block for side in luma.shape)
     if not (rows and columns):  # a strip
         return False
     blocks = luma[: rows * block, : columns * block].reshape(rows, block, columns, block)
-    bright = np.quantile(blocks, UPPER, axis=(1, 3), keepdims=True)
-    is_paper = np.abs(blocks - bright) < PALE * bright
-    return bool(np.median(bright) >= BRIGHT and is_paper.mean() >= MOSTLY)
+    bright = np.quantile(blocks, 0.75, axis=(1, 3), keepdims=True)
+    is_paper = np.abs(blocks - bright) < 0.1 * bright
+    return bool(np.median(bright) >= 0.5 and is_paper.mean() >= 0.7)
 
 
 def _light_of(small: Values) -> Values | None:
@@ -126,25 +105,29 @@ def _light_of(small: Values) -> Values | None:
 
     side, luma = max(small.shape), portable.product(small, LUMA)
     smooth: Any = smoothed(luma, 1)
-    bright: Any = ndimage.grey_closing(smooth, 2 * round(WINDOW * side / 2) + 1)
+    # A window of a twelfth of the side always contains paper.
+    bright: Any = ndimage.grey_closing(smooth, 2 * round(side / 24) + 1)
     darkness = 1 - smooth / np.maximum(bright, LEVEL)
     darkness -= np.median(darkness)
     noise, ink = _noise_and_ink(darkness)
     is_dark = darkness > max(NOISES / 2 * noise, 0.15 * ink)
     is_paper = ~dilated(is_dark, 2, None)
-    if is_paper.mean() < LEAST_PAPER:
+    if is_paper.mean() < 0.5:  # the share of the picture that is near no ink
         return None
     known = np.dstack([small, np.ones_like(luma)]) * is_paper[..., None]
 
-    sums: Any = smoothed(known, AROUND)[is_paper]
+    # Paper has grain: its median difference from the mean within 2 px is at least .3 levels.
+    # Gradients that a program drew have at most .23, and even paper has none.
+    sums: Any = smoothed(known, 2)[is_paper]
     grain = np.abs(luma[is_paper] - portable.product(sums[:, :3], LUMA) / sums[:, 3])
-    if np.median(grain) < GRAIN * LEVEL:
+    if np.median(grain) < 0.3 * LEVEL:
         return None
-    sums = smoothed(known, SMOOTH * side) + FAR_WEIGHT * smoothed(known, FAR * SMOOTH * side)
+    # Light from farther away counts little.
+    sums = smoothed(known, side / 60) + 0.02 * smoothed(known, side / 10)
     light = sums[..., :3] / np.maximum(sums[..., 3:], 1e-9)
     hues = light / np.maximum(light.mean(axis=2, keepdims=True), LEVEL)
     tint = np.median(hues, axis=(0, 1))
-    is_white = np.ptp(tint) <= TINTED and hues.std(axis=(0, 1)).max() <= COLORED_PAPER
+    is_white = np.ptp(tint) <= 0.3 and hues.std(axis=(0, 1)).max() <= 0.05
     return light if is_white else None
 
 
@@ -156,41 +139,47 @@ def _noise_and_ink(darkness: Values) -> tuple[float, float]:
 
 
 def _is_ink(darkness: Values, noise: float, ink: float) -> bool:
-    """Return whether what is dark is the ink of a sketch: dark, thin, and clear of the paper."""
+    """Return whether what is dark is the ink of a sketch: dark, thin, and clear of the paper.
+
+    Few pixels over 3 px away from ink have over a quarter of its darkness, and few are brighter
+    than paper.
+    """
     from scipy import ndimage
 
     from gauss2svg.areas.masks import dilated
 
     is_ink, dirt = darkness > ink / 2, max(NOISES * noise, DIRT)
-    if ink < LEAST_INK:
+    if ink < 0.4:
         return False
     wide: Any = ndimage.distance_transform_edt(is_ink)
     between = np.count_nonzero((darkness > ink / 4) & ~dilated(is_ink, 3, None))
     glare = np.count_nonzero(darkness < -dirt)
-    return (
-        wide.max() <= WIDEST * max(is_ink.shape)
-        and between <= BETWEEN * is_ink.sum()
-        and glare <= GLARE * is_ink.sum()
-    )
+    is_thin = wide.max() <= max(is_ink.shape) / 50  # half of the width of the widest ink
+    return is_thin and between <= 0.3 * is_ink.sum() and glare <= 0.05 * is_ink.sum()
 
 
 def _covered(darkness: Values, noise: float, ink: float) -> Values:
-    """Return the share (h, w) of each pixel that ink covers, with crisp edges."""
+    """Return the share (h, w) of each pixel that ink covers, with crisp edges.
+
+    Ink begins at half of its darkness. The darkest pixel within 4 px tells how dark a line is. A
+    line with less than .75 of the full darkness is drawn from half of its own darkness on. One with
+    less than .4 is dirt, and so are parts of less than a pixel.
+    """
     from scipy import ndimage
 
     from gauss2svg.areas.masks import parts_of
 
-    highest: Any = ndimage.maximum_filter(darkness, 2 * NEAR + 1)
+    highest: Any = ndimage.maximum_filter(darkness, 9)
     own: Any = smoothed(highest, 1)
-    rim = ink / 2 * np.minimum(own / (FAINT * ink), 1)
+    rim = ink / 2 * np.minimum(own / (0.75 * ink), 1)
     above = np.where(own > max(NOISES * noise, DIRT), darkness - rim, -ink)
     ends: Any = (ndimage.maximum_filter(above, 3) > 0) & (ndimage.minimum_filter(above, 3) <= 0)
     covered: Any = (above > 0).astype(np.float32)
     spline: Any = ndimage.spline_filter(above, mode="nearest")
-    places, parts = np.argwhere(ends).T, (np.arange(FINE) + 0.5) / FINE - 0.5
+    places, parts = np.argwhere(ends).T, (np.arange(6) + 0.5) / 6 - 0.5
     within = np.stack(np.meshgrid(parts, parts, indexing="ij")).reshape(2, 1, -1)
-    for k in range(0, places.shape[1], AT_ONCE):
-        some = places[:, k : k + AT_ONCE]
+    for k in range(0, places.shape[1], 2**15):  # to save memory
+        some = places[:, k : k + 2**15]
         fine: Any = ndimage.map_coordinates(
             spline, some[..., None] + within, mode="nearest", prefilter=False
         )
@@ -198,4 +187,4 @@ def _covered(darkness: Values, noise: float, ink: float) -> Values:
     labels, _ = parts_of(covered > 0)
     sizes = np.bincount(labels.ravel(), covered.ravel())
     own = np.bincount(labels.ravel(), (own * covered).ravel()) / np.maximum(sizes, 1e-9)
-    return np.where((sizes >= SPECK) & (own >= FAINTEST * ink), 1, 0)[labels] * covered
+    return np.where((sizes >= 1) & (own >= 0.4 * ink), 1, 0)[labels] * covered

@@ -31,17 +31,11 @@ from gauss2svg.svg.element import hex_color
 DEFAULT_BYTES = 1000
 # Attributes of Placeholder whose bytes may be limited.
 Counted = Literal["svg", "inline", "data_uri", "data_uri_base64"]
-# px. A photo whose longest side is longer is reduced to this while it is read, a strip to as many
-# pixels. For the fits it is usually reduced further.
-_LONGEST_SIDE = 640
 # Characters that browsers accept in a data URI without escapes. The characters % and # are missing,
 # because they have a meaning in URIs. The character " is missing, because it would end the
 # attribute or the url("") that contains the URI (docs/decisions/small.md).
 _UNESCAPED = " !$&'()*+,/:;<=>?@[]^`{|}"
 _MEDIA_TYPE = "image/svg+xml"
-# This pattern matches each place in a minimal file where an id begins. An id is written in the id
-# attribute of an element, and again in each reference to the element.
-_IDS = re.compile(r'(?<=id=")|(?<=href="#)|(?<=url\(#)')
 
 
 @dataclass(frozen=True)
@@ -84,7 +78,8 @@ class Placeholder:
         makes the text 50 to 90 bytes longer than `svg`.
         """
         own = "g" + hashlib.sha256(self.svg.encode()).hexdigest()[:5]
-        return _IDS.sub(own, self.svg)
+        # An id begins in the id attribute of an element, and in each reference to the element.
+        return re.sub(r'(?<=id=")|(?<=href="#)|(?<=url\(#)', own, self.svg)
 
     @property
     def data_uri(self) -> str:
@@ -209,7 +204,11 @@ def _psnr(file: Export, subject: Subject) -> float:
 
 
 def _size_read(width: int, height: int) -> Size:
-    scale = min(1.0, _LONGEST_SIDE * elongation(width, height) / max(width, height))
+    """Return the size to which a photo is reduced while it is read: 640 px for its longest side.
+
+    A strip has as many pixels. For the fits it is usually reduced further.
+    """
+    scale = min(1.0, 640 * elongation(width, height) / max(width, height))
     return max(1, round(scale * width)), max(1, round(scale * height))
 
 

@@ -45,14 +45,11 @@ COLOR_LOSS_IN_LIMIT = 1.0
 LEAST_CAP = 150  # however small the limit of bytes or seconds is, so many Gaussians are allowed
 
 # The next numbers say how many bytes a Gaussian takes in a file of editable markup, unless another
-# markup is named. The lower bounds LEAST_... decide the largest number of Gaussians of a budget.
+# markup is named.
 USUAL_BYTES = 120  # bytes of an ellipse and its share of the palette (docs/decisions/numbers.md)
 GZIPPED_SHARE = 0.17  # compressed size as a share of the original (docs/decisions/numbers.md)
-ABOVE_AREAS = 300  # bytes of an ellipse above areas. Few of these share a gradient
 BYTES_IN_LIMIT = 100  # bytes of an ellipse in a file that fills a limit (docs/decisions/time.md)
-LEAST_BYTES_IN_LIMIT = 60  # an ellipse in a file that fills a limit takes at least this many bytes
 BYTES_IN_INKS = 60  # bytes of an ellipse in a file with only a few inks (docs/decisions/inks.md)
-LEAST_BYTES_IN_INKS = 20  # an ellipse in a minimal file of inks takes at least this many bytes
 # Bytes that a soft shape and a plain ellipse take in minimal markup: first without compression,
 # then after gzip (docs/decisions/small.md).
 SHAPE_BYTES, SHAPE_GZIPPED_BYTES = (62, 44), (22, 20)
@@ -137,8 +134,8 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
     if time_limit is not None:
         caps.append(int(MOST_GAUSSIANS_A_SECOND * time_limit))
     if max_bytes is not None:
-        least = LEAST_BYTES_IN_INKS if inks else LEAST_BYTES_IN_LIMIT
-        caps.append(max_bytes // least)
+        # An ellipse takes at least this many bytes, in inks in minimal markup.
+        caps.append(max_bytes // (20 if inks else 60))
         square = math.sqrt(PIXELS_EACH_IN_LIMIT * max_bytes / BYTES_IN_LIMIT)
         side = round(min(max(square, usual.max_size), finest.max_size))
         # A file of as many shapes as a preset allows is fitted in as many steps as by this preset.
@@ -309,7 +306,7 @@ class Plan:
     def shape_bytes(self) -> float:
         """Bytes that a shape usually takes in the file, before gzip."""
         if self.in_areas:
-            return SHAPE_BYTES[0] if self.markup == MINIMAL else ABOVE_AREAS
+            return SHAPE_BYTES[0] if self.markup == MINIMAL else 300  # few share a gradient
         return BYTES_IN_INKS if self.in_inks else USUAL_BYTES
 
     def check_renderer(self) -> None:

@@ -41,25 +41,9 @@ from gauss2svg.svg.write import text_of
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-_DECIMALS = 2  # decimals of lengths in mm
-_CELLS = 3  # cells of the picture across a stroke
-_MOST_CELLS = 1e7  # cells of a picture. A larger sheet has larger cells
 _TURNS_DEG = 0.0, 60.0, 120.0  # directions of hatching, from light to dark tones
-# Tones at which the lines of a direction are drawn, as shares of what they add: first every second
-# one, then all. With more steps there were more tones, but a face had fewer details.
-_STEPS = 0.25, 0.75
 _WIDEST = 0.022  # width of the widest line, as a share of the picture's longer side
-_WEIGHT = 0.003  # weight of squared distances from a centreline against the bytes of its curves
-# A line that leaves a wide part is at least this long, in widths of the widest line. Shorter ones
-# are corners of the part.
-_LONG = 3.0
-_SIDE = 800  # px of the longer side of the picture in which lines are found
-_FINE = 3  # cells along a side of its px
-_OPAQUE = 0.95  # opacity from which on an area hides what is below it
-_FAINT = 0.1  # tone below which an ink is not drawn on white paper
-_LUMA = 0.2126, 0.7152, 0.0722  # weights of the channels in the tone of a black pen
-# The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
-_DOWN_MM_S, _UP_MM_S, _LIFT_S = 50.0, 151.0, 0.25
+_FINE = 3  # cells along a side of a px in which lines are found
 
 
 class Pen(NamedTuple):
@@ -103,7 +87,8 @@ class Plot(NamedTuple):
 
     def __str__(self) -> str:
         drawn, travel = self.drawn_mm, self.travel_mm
-        minutes = (drawn / _DOWN_MM_S + travel / _UP_MM_S + self.lifts * _LIFT_S) / 60
+        # The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
+        minutes = (drawn / 50 + travel / 151 + 0.25 * self.lifts) / 60
         return (
             f"{drawn / 1000:.1f} m in {self.lifts:,} strokes, {travel / 1000:.1f} m with the pen "
             f"up, in at least {math.ceil(minutes)} min"
@@ -146,7 +131,8 @@ def plotted(
     room = plotter.room(width, height)
     mm_per_px = min(room[0] / scene.width, room[1] / scene.height)
     sides = np.array([scene.width, scene.height]) * mm_per_px
-    cell = max(plotter.pen_width / _CELLS, float(np.sqrt(sides.prod() / _MOST_CELLS)))
+    # A stroke is 3 cells wide, unless the picture would have more than ten million cells.
+    cell = max(plotter.pen_width / 3, float(np.sqrt(sides.prod() / 1e7)))
     columns, rows = np.maximum(np.round(sides / cell), 1).astype(int).tolist()
     pen_cells, scale = plotter.pen_width / cell, mm_per_px / cell
     picture = np.clip(render(scene, columns, rows), 0, 1)
@@ -172,7 +158,9 @@ def plotted(
         distance = plotter.hatch or 2 * plotter.pen_width
         nearest = _nearest(colors, picture)
         for one, tone_of_colors in zip(strokes, tones.T, strict=True):
-            tone = 1 - portable.product(picture, _LUMA) if inks is None else tone_of_colors[nearest]
+            tone = tone_of_colors[nearest]
+            if inks is None:
+                tone = 1 - portable.product(picture, (0.2126, 0.7152, 0.0722))
             tone = np.where(in_line, 0, tone)
             one += _hatching(tone, distance / cell, pen_cells, plotter.hatch_angle)
     corner = 0.5 * (np.array([width, height]) - sides)
@@ -201,10 +189,10 @@ def _colors_and_tones(
     pens = _pen_inks(inks)
     if inks is None:
         return pens, np.ones((1, 1))
-    tone = 1 - pens.min(axis=1)
+    tone = 1 - pens.min(axis=1)  # an ink with less than .1 is not drawn on white paper
     printed = printed_colors(",".join(map(ink_name, pens)), paper, overprint)
     strengths = np.array([*printed.values()])
-    return ink_colors(",".join(printed)), strengths * np.where(tone < _FAINT, 0.0, tone)
+    return ink_colors(",".join(printed)), strengths * np.where(tone < 0.1, 0.0, tone)
 
 
 def _pen_color(ink: Floats) -> str:
@@ -254,9 +242,9 @@ def _outlines(
             hidden |= covered[row, column] & ~lined
             for stroke in _runs(points, inside & ~hidden, outline.closed):
                 if _length(stroke) > 2 * pen or len(stroke) >= len(points) - 1:  # others are dots
-                    yield _color(area), _simplified(stroke)
+                    yield np.array(_color(area)), _simplified(stroke)
         _cover(covered, dataclasses.replace(area, width=pen, cap="round"), True)
-        if area.opacity > _OPAQUE:
+        if area.opacity > 0.95:
             _cover(covered, area, True)
 
 
@@ -266,23 +254,24 @@ def _enlarged(mask: Bools, rows: int, columns: int) -> Bools:
     return mask[row[:, None], column * mask.shape[1] // columns]
 
 
-def _color(area: Area) -> Floats:
-    return np.array(area.paint if isinstance(area.paint, tuple) else area.paint.colors[0])
+def _color(area: Area) -> tuple[float, ...]:
+    return area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
 
 
 def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
     """Return the lines of a scene, and where they are in a picture of it, (h, w).
 
-    A line is a colour and segments (k, 4, 2) in px of the scene. Lines are the narrow parts of what
+    The picture has 800 px along its longer side. A line is a colour and segments (k, 4, 2) in px of
+    the scene. Lines are the narrow parts of what
     is seen of a colour, whether areas or lines of the scene draw it.
     """
     size = np.array([scene.width, scene.height])
-    scale, most = _SIDE / size.max(), _WIDEST * _SIDE
+    scale, most = 800 / size.max(), 800 * _WIDEST
     width, height = np.maximum(np.round(size * scale), 1).astype(int).tolist()
     seen = np.full((_FINE * height, _FINE * width), -1, np.int32)  # colours
     index: dict[tuple[float, ...], int] = {}
     for area in scene.areas:
-        color = index.setdefault(tuple(_color(area).tolist()), len(index))
+        color = index.setdefault(_color(area), len(index))
         if area.opacity > 0.5:
             _cover(seen, area.scaled(_FINE * scale, _FINE * scale), color)
     lines, thin = list[tuple[Floats, Floats]](), np.zeros((height, width), bool)
@@ -292,23 +281,17 @@ def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
         down, across = (slice(side.start // _FINE, -(-side.stop // _FINE)) for side in fine)
         top, left = widened((down, across), 4, thin.shape)
         corner = np.array([left.start, top.start])
-        share = _shares(seen, k, top, left)
+        near = seen[_FINE * top.start : _FINE * top.stop, _FINE * left.start : _FINE * left.stop]
+        cells = (near == k).reshape(top.stop - top.start, _FINE, left.stop - left.start, _FINE)
+        share = cells.mean(axis=(1, 3))
         for part in parts_between(share, _wide(share > 0.5, 0.7 * most)):
-            strokes = strokes_of(part, lambda p: np.full(len(p), _WEIGHT), UNIT, RATE, most)
+            strokes = strokes_of(part, lambda p: np.full(len(p), 0.003), UNIT, RATE, most)
             length = sum(lengths_of(path.segments).sum() for path, _ in strokes)
-            if length > (_LONG * most if part.thick.any() else 0):
+            # Shorter lines that leave a wide part are its corners.
+            if length > (3 * most if part.thick.any() else 0):
                 lines += [(np.array(color), (p.segments + corner) / scale) for p, _ in strokes]
                 thin[top, left][part.box] |= dilated(part.share > 0.5, 2)
     return lines, thin
-
-
-def _shares(seen: NDArray[np.int32], color: int, rows: slice, columns: slice) -> Floats:
-    """Return the share of each px of a box that has a colour of this index."""
-    fine = seen[
-        _FINE * rows.start : _FINE * rows.stop, _FINE * columns.start : _FINE * columns.stop
-    ]
-    shape = rows.stop - rows.start, _FINE, columns.stop - columns.start, _FINE
-    return (fine == color).reshape(shape).mean(axis=(1, 3))
 
 
 def _wide(mask: Bools, radius: float) -> Bools:
@@ -369,15 +352,14 @@ def _ends_of_runs(flags: Bools) -> list[list[int]]:
 def _runs(points: Floats, shown: Bools, closed: bool) -> list[Floats]:
     """Return the runs of at least two points that are shown."""
     if closed and not shown.all():
-        start = int(
-            np.argmin(shown)
-        )  # a run may lie on both sides of the start of a closed outline
+        # A run may lie on both sides of the start of a closed outline.
+        start = int(np.argmin(shown))
         points, shown = np.roll(points[:-1], -start, axis=0), np.roll(shown[:-1], -start)
     return [points[a:b] for a, b in _ends_of_runs(shown) if b - a > 1]
 
 
-def _simplified(points: Floats, most: float = 0.1) -> Floats:
-    """Return the points of a polyline that are needed to keep within `most` cells of all."""
+def _simplified(points: Floats) -> Floats:
+    """Return the points of a polyline that are needed to keep within a tenth of a cell of all."""
     kept = np.zeros(len(points), bool)
     kept[[0, -1]] = True
     spans = [(0, len(points) - 1)]
@@ -385,13 +367,11 @@ def _simplified(points: Floats, most: float = 0.1) -> Floats:
         a, b = spans.pop()
         along, offset = points[b] - points[a], points[a : b + 1] - points[a]
         length = portable.hypot(*along)
-        distance = (
-            np.abs(portable.product(offset, [-along[1], along[0]])) / length
-            if length
-            else portable.hypot(*offset.T)
-        )
+        distance = portable.hypot(*offset.T)
+        if length:
+            distance = np.abs(portable.product(offset, [-along[1], along[0]])) / length
         k = int(distance.argmax())
-        if distance[k] > most:
+        if distance[k] > 0.1:
             kept[a + k] = True
             spans += [(a, a + k), (a + k, b)]
     return points[kept]
@@ -411,7 +391,9 @@ def _hatching(tone: Floats, distance: float, pen: float, angle_deg: float) -> li
         angle = np.radians(angle_deg + turn)
         along = np.array([portable.cos(angle), portable.sin(angle)])
         across = np.array([-along[1], along[0]])
-        levels = (before + (1 - before) * share * np.array(_STEPS)) / covered[-1]
+        # Every second line is drawn from a lighter tone on. With more such steps there were more
+        # tones, but a face had fewer details.
+        levels = (before + (1 - before) * share * np.array([0.25, 0.75])) / covered[-1]
         corners = np.array([[0, 0], [columns, 0], [0, rows], [columns, rows]])
         first, last = portable.product(corners, along), portable.product(corners, across)
         t = np.arange(first.min(), first.max())[:, None]
@@ -467,5 +449,5 @@ def _length(stroke: Floats) -> float:
 
 
 def _path_data(stroke: Floats) -> str:
-    numbers = [" ".join(number(v, _DECIMALS) for v in point) for point in stroke]
+    numbers = [" ".join(number(v, 2) for v in point) for point in stroke]
     return "M" + " ".join(numbers)

@@ -29,11 +29,7 @@ _PHASES = {
     "measure": "rasterising and measuring the SVG",
 }
 _FITS = {"additive": "fitting additively", "correct": "correcting the number of shapes"}
-# Largest number of frames per second in a notebook, and longest side in px of a frame. They are
-# small because notebooks keep all frames as text.
-_FRAMES_A_SECOND, _MOST_SIDE = 4, 400
-_BAR = 24  # columns of the bar in a terminal
-_REDRAW_S = 0.1  # seconds between two drawings of the bar
+_MOST_SIDE = 400  # px. Frames are small and few, because notebooks keep all of them as text
 
 
 def shown() -> AbstractContextManager[ProgressCallback | None]:
@@ -65,7 +61,7 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
     def draw() -> None:
         (text, share), seconds = state, int(time.monotonic() - begun)
         text = on_one_line(text)
-        width = max(0, min(_BAR, columns() - len(text) - 7))
+        width = max(0, min(24, columns() - len(text) - 7))
         bar = "\N{FULL BLOCK}" * round(width * share)
         put(f"{bar:{width}} {seconds // 60}:{seconds % 60:02} {text}")
 
@@ -76,7 +72,7 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
 
     def redraw() -> None:
         while not ended.is_set():
-            ended.wait(_REDRAW_S)
+            ended.wait(0.1)
             draw()
         put("")
 
@@ -155,7 +151,7 @@ def _notebook() -> Iterator[ProgressCallback]:
     from gauss2svg.svg.file import image
 
     display: Any = importlib.import_module("IPython.display")
-    frames = FrameMaker(_FRAMES_A_SECOND, most_side=_MOST_SIDE)
+    frames = FrameMaker(most_a_second=4, most_side=_MOST_SIDE)
     handle = display.display(display.HTML("starting"), display_id=True)
     newest: FitProgress | None = None
     last = ""

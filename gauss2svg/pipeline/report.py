@@ -21,14 +21,12 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.photo.pixels import Photo, over, pixels_of
 from gauss2svg.pipeline.budgets import measured_size
-from gauss2svg.pipeline.inked import far_colors
-from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.scene.inks import ink_colors, inks_in, printed_colors
+from gauss2svg.scene.inks import ink_colors, ink_name, inks_in, oklab, printed_colors
 from gauss2svg.svg import CURRENT_COLOR, MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
@@ -48,6 +46,7 @@ def run_report(
     total_s, count = time.perf_counter() - run.started, len(file.scene)
     shown, scored = shown_width(document, file.scene), vars(measured) | _by_focus(outcome)
     counts, found = AreaCounts.of(file.scene.areas), outcome.found
+    text = json.dumps(options.of_picture(), sort_keys=True)
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
@@ -94,7 +93,8 @@ def run_report(
         "transparent": photo.alpha is not None,
         "notes": [*photo.notes, *_notes(plan, photo, outcome)],
         "pixels_sha256": _pixels_sha256(pixels_of(photo)),
-        "options_sha256": _options_sha256(options),
+        # The digest of the options that change a file, as JSON with sorted names.
+        "options_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "versions": dict(_versions()),
         "total_s": total_s,
     }
@@ -105,11 +105,6 @@ def _pixels_sha256(pixels: NDArray[np.float32]) -> str:
     digest = hashlib.sha256(str(pixels.shape).encode())
     digest.update(np.ascontiguousarray(pixels, "<f4").data)
     return digest.hexdigest()
-
-
-def _options_sha256(options: Options) -> str:
-    """Return the digest of the options that change a file, as JSON with sorted names."""
-    return hashlib.sha256(json.dumps(options.of_picture(), sort_keys=True).encode()).hexdigest()
 
 
 def _colors(scene: Scene) -> NDArray[np.float64]:
@@ -190,7 +185,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
         unused = ", ".join(ink for ink in printed[0].split(",") if ink not in used)
         if unused:
             yield f"not used: {unused} of the inks, because other inks are closer everywhere"
-    if plan.printed and (far := far_colors(outcome.measured.raster, outcome.subject.photo)):
+    if plan.printed and (far := _far_colors(outcome.measured.raster, outcome.subject.photo)):
         overprint = plan.printed[2]
         mixed = "" if overprint and overprint > 1 else ", or --overprint 3 if they may mix"
         yield f"{far}. Try inks of its colours, such as those of --inks 4{mixed}"
@@ -203,6 +198,32 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
         )
 
 
+def _far_colors(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> str:
+    """Return a sentence on how much of a photo its inks are far from, or "" if it is little.
+
+    It compares the mean colours of blocks in Oklab, 24 of them along the longer side
+    (docs/decisions/inks.md).
+
+    raster, photo  (h, w, 3), or (h, w, 4) with alpha, in 0..1
+    """
+    height, width = photo.shape[:2]
+    side = max(1, round(max(height, width) / 24))
+    rows, columns = max(1, height // side), max(1, width // side)
+
+    def blocks(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+        cut = over(pixels)[: rows * side, : columns * side].astype(np.float64)
+        return cut.reshape(rows, len(cut) // rows, columns, -1, 3).mean(axis=(1, 3))
+
+    drawn, wanted = blocks(raster), blocks(photo)
+    is_far = np.square(oklab(drawn) - oklab(wanted)).sum(axis=2) > 0.15**2
+    if (share := is_far.mean()) < 0.2:
+        return ""
+    drawn, wanted = drawn[is_far], wanted[is_far]
+    usual = np.square(wanted - wanted.mean(axis=0)).sum(axis=1).argmin()
+    example = f"{ink_name(wanted[usual])} of the photo is {ink_name(drawn[usual])}"
+    return f"the inks are far from {100 * share:.0f} % of the photo. For example, {example}"
+
+
 def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
     """Yield a line for each target or limit that the outcome misses.
 
@@ -210,12 +231,12 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
              compilation is not included
     """
     goal, aim, limit, reason = plan.goal, plan.aim, plan.goal.time_limit, outcome.fitted.stop_reason
-    if aim is not None and not aim.is_met_by(outcome.aim_score):
+    if aim is not None and not aim.is_met_by(outcome.file.score):
         reported = reason not in (aim.of.option, "interrupted")
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
-        yield f"target of {target} not reached: {sign * outcome.aim_score:.2f}{unit}{ended}"
+        yield f"target of {target} not reached: {sign * outcome.file.score:.2f}{unit}{ended}"
     if reason == "max_bytes" and not len(outcome.file.scene) and not outcome.file.scene.areas:
         none = f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none"
         yield f"{none}. Try a larger --max-bytes"

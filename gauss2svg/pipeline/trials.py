@@ -16,28 +16,22 @@ from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.measure.roundtrip import model_psnr
-from gauss2svg.photo.pixels import has_alpha, shrunk
-from gauss2svg.pipeline.below import with_gaussians_below
-from gauss2svg.pipeline.export import Exporter
-from gauss2svg.pipeline.outcome import Export, Subject
+from gauss2svg.photo.pixels import Focus, from_views, has_alpha, shrunk, views
+from gauss2svg.pipeline.outcome import Export, Exporter, Subject, scaled_to
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
+from gauss2svg.render.areas import coverage_of, draw_areas
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.scene import PARAMETERS
 from gauss2svg.svg import MINIMAL
 
-# A trial fits this many Gaussians in so many steps, to a picture of at most so many px a side.
-TRIED, TRIAL_STEPS, TRIAL_SIDE = 24, 80, 256
-COUNTS_BELOW = 8, 24, 72  # numbers of Gaussians below areas that are tried, as long as they pay
-MOST_TRIED = 1000
+TRIED = 24  # Gaussians of a trial, unless their number follows from a limit of bytes
 UNREFINED = 0.4  # share of their error that areas are expected to keep when they are refined
 # If a trial leaves less than this share of the squared error, the picture has shading that areas
 # only imitate.
 SHADED = 0.85
-FOR_GAUSSIANS = 0.8  # share of the bytes beside areas that Gaussians take, without definitions
 # If the PSNR in dB between a drawing and its file is less than this, people can see differences at
 # the drawing's own size (docs/decisions/areas.md).
 SEEN_UP_TO = 41.0
-LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
 # Shapes alone are tried too if areas leave errors that can be seen, and a trial of as many bytes of
 # shapes leaves less than SHAPES_ALONE times their squared error.
 SHAPES_ALONE = 2.0
@@ -89,7 +83,7 @@ class Trials:
         self._rate, self._price = plan.rate, plan.rate * plan.shape_bytes
         self._shapes_alone = dict[int, float]()  # squared error by the number of shapes
         width, height = subject.size
-        share = min(1.0, TRIAL_SIDE / max(width, height))
+        share = min(1.0, 256 / max(width, height))  # Trials see at most 256 px a side.
         small = max(1, round(share * height)), max(1, round(share * width))
         self._small, self.values = shrunk(subject.working, *small), 3 * width * height
         self.most = math.inf if plan.goal.count is None else plan.goal.count
@@ -104,7 +98,8 @@ class Trials:
         export, is_met = self._exporter.unscored(scene), False
         first = error = cost = self._error(scene)
         scene_of_areas = scene
-        for below in COUNTS_BELOW if found.areas and not len(scene) else ():
+        # As long as more of them pay, more Gaussians are tried below the areas.
+        for below in (8, 24, 72) if found.areas and not len(scene) else ():
             if self._is_over() or cost <= self._price * below or below > self.most:
                 break
             tried = with_gaussians_below(scene_of_areas, self._small, below, self._is_over)
@@ -118,19 +113,17 @@ class Trials:
             found = dataclasses.replace(found, areas=scene.areas)
             export, error = self._exporter.unscored(scene), self._error(scene)
         if plan.aim is not None:
-            is_met = plan.aim.is_met_by(
-                plan.aim.score(self._exporter.raster(export.svg), subject.photo)
-            )
+            score = plan.aim.score(self._exporter.raster(export.svg), subject.photo)
+            is_met = plan.aim.is_met_by(score)
         saved = 0.0
         if self._fills and found.areas:
-            # As many Gaussians as the limit allows, beside their definitions.
-            left = FOR_GAUSSIANS * (self._limit - export.size) / plan.shape_bytes
+            # Definitions take a fifth of the bytes that are left.
+            left = 0.8 * (self._limit - export.size) / plan.shape_bytes
             count = int(min(max(left, 0), 6 * count))
         if count and error > self._price * count / 2:
             session = self._fitted(scene, count, self._is_over)
-            saved = max(
-                error - self.values * portable.power(10, -session.population.psnr() / 10), 0.0
-            )
+            after = self.values * portable.power(10, -session.population.psnr() / 10)
+            saved = max(error - after, 0.0)
         price = count * self._price
         pays = saved > price
         if self._fills:
@@ -145,11 +138,8 @@ class Trials:
         """Return a short fit of `count` Gaussians to the small picture, above a ground."""
         inks = self._plan.options.fit.inks
         options = FitOptions(tune=PSNR, falloff=GAUSSIAN if inks is None else None, inks=inks)
-        config = FitConfig(gaussians=count, iterations=TRIAL_STEPS, fit=options)
-        targets = TargetPyramid(self._small, PSNR, focus=self._subject.focus, ground=ground)
-        session = FitSession(self._small, config, stop=stop, targets=targets)
-        session.fit()
-        return session
+        focus = self._subject.focus
+        return _fitted(self._small, options, count, 80, focus, ground, stop)
 
     def is_visible(self, error: float) -> bool:
         """Return whether people can see a squared error at the picture's own size."""
@@ -173,7 +163,7 @@ class Trials:
         """Return the squared error that a trial of shapes leaves in a file of so many bytes."""
         size = self._limit if self._fills else size
         each = SHAPE_BYTES[1] if self._plan.markup == MINIMAL else USUAL_BYTES
-        count = int(min(max(size / each, TRIED), MOST_TRIED))
+        count = int(min(max(size / each, TRIED), 1000))
         if count not in self._shapes_alone:
             shapes = self.trial(nothing(self._subject.working), count)
             self._shapes_alone[count] = shapes.error - shapes.saved
@@ -188,7 +178,7 @@ class Trials:
         """
         most = self._limit if self._fills else size
         left = most - self._exporter.unscored(scene_of(self._subject, found)).size
-        count = int(min(max(left / self._plan.shape_bytes, TRIED), MOST_TRIED))
+        count = int(min(max(left / self._plan.shape_bytes, TRIED), 1000))
         trial = self.trial(found, count)
         # In a limit, Gaussians leave little but the errors of outlines, which are refined later.
         share = UNREFINED if self._fills else 1.0
@@ -200,23 +190,86 @@ class Trials:
             return False
         if self._fills:
             room = self._limit - trial.export.size
-            return room < 0 or room >= LEAST_ROOM * self._plan.shape_bytes
+            return room < 0 or room >= 2 * self._plan.shape_bytes
         if self._plan.aim is not None:
             return not trial.is_met
         return trial.saved > TRIED * self._price
 
+    def blank(self) -> Trial:
+        """Return no areas and no Gaussians."""
+        return self.trial(nothing(self._subject.working), 0)
+
     def in_short(self) -> Trial:
         """Return shapes alone, fitted in a fraction of a second for a run that ends now."""
-        (width, height), (h, w) = self._subject.size, self._small.shape[:2]
-        most = self._plan.goal.count or SHORT
-        count = min(SHORT, most, self._limit / SHAPE_BYTES[0], h * w // 3)
-        trial = self.trial(nothing(self._subject.working), 0)
+        most, pixels = self._plan.goal.count or SHORT, self._small[..., 0].size
+        count = min(SHORT, most, self._limit / SHAPE_BYTES[0], pixels // 3)
+        trial = self.blank()
         session = self._fitted(trial.ground, int(count), lambda: False)
-        scene = session.scene().scaled(width / w, height / h).replace(width=width, height=height)
-        export = self._exporter.unscored(scene)
+        export = self._exporter.unscored(scaled_to(session.scene(), self._subject.size))
         if export.size > self._limit:
             export = self._exporter.pruned(export, int(self._limit))
         return dataclasses.replace(trial, ground=export.scene, export=export)
+
+
+def with_gaussians_below(
+    scene: Scene, picture: NDArray[np.float32], count: int, stop: Callable[[], bool]
+) -> Scene:
+    """Return a scene of areas with `count` Gaussians on its page, fitted to a picture.
+
+    These are glows and soft shadows, whose upper parts areas hide. The page is the background, or
+    the first area if that covers the canvas. An area hides crisply what lies below it. So the
+    Gaussians are fitted to the page as it would be without the areas, and errors count only as far
+    as the page shows. If the areas add the light f to a pixel p, and let through the share s of the
+    page, the page there is (p - f) / s, and a squared error of the page counts s^2 times.
+
+    picture  (h, w, 3) or (h, w, 4) float32 in 0..1
+    stop     function that ends the fit if it returns True
+    """
+    height, width = picture.shape[:2]
+    scale = width / scene.width, height / scene.height
+    level = int(_covers_canvas(scene))
+    light, seen = np.zeros((height, width, 3)), np.ones((height, width, 1))
+    draw_areas(scene.areas[level:], light, scale)
+    for area in scene.areas[level:]:
+        seen *= 1 - area.opacity * coverage_of(area, 0, 0, width, height, scale)[..., None]
+    shows = seen > 0.05  # less of the page does not tell its colour
+    if not shows.any():
+        return scene
+    pages = [(view - light) / np.maximum(seen, 0.05) for view in views(picture)]
+    pages = [np.clip(np.where(shows, page, 0.5), 0, 1).astype(np.float32) for page in pages]
+    page = from_views(*pages) if has_alpha(picture) else pages[0]
+    # An error counts a million times more where all of the page shows than where none does.
+    focus = Focus(np.where(shows, seen * seen, 0).astype(np.float32), 1e6)
+    below = scene.replace(areas=scene.areas[:level])
+    new = _fitted(page, FitOptions(tune=PSNR, falloff=GAUSSIAN), count, 120, focus, below, stop)
+    new = new.scene().scaled(scene.width / width, scene.height / height)
+    color, opacity = np.round(new.color * 255) / 255, np.round(new.opacity, 2)
+    return new.replace(
+        width=scene.width, height=scene.height, color=color, opacity=opacity,
+        round_index=np.zeros_like(new.round_index), level=np.full_like(new.level, level),
+        background=scene.background, transparent=scene.transparent, areas=scene.areas,
+    )  # fmt: skip
+
+
+def _fitted(
+    picture: NDArray[np.float32], fit: FitOptions, count: int, steps: int, focus: Focus | None,
+    ground: Scene, stop: Callable[[], bool],
+) -> FitSession:  # fmt: skip
+    """Return a short fit of `count` Gaussians to a picture, above a ground."""
+    config = FitConfig(gaussians=count, iterations=steps, fit=fit)
+    targets = TargetPyramid(picture, PSNR, focus=focus, ground=ground)
+    session = FitSession(picture, config, stop=stop, targets=targets)
+    session.fit()
+    return session
+
+
+def _covers_canvas(scene: Scene) -> bool:
+    """Return whether the first area covers the canvas."""
+    if not scene.areas or scene.areas[0].is_line or scene.areas[0].opacity < 1:
+        return False
+    (first, *others) = scene.areas[0].outlines
+    corners = {(x, y) for x in (0.0, scene.width) for y in (0.0, scene.height)}
+    return not (others or any(first.curved)) and {(x, y) for x, y in first.points} == corners
 
 
 def nothing(picture: NDArray[np.float32]) -> FoundAreas:

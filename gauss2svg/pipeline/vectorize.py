@@ -28,14 +28,8 @@ from gauss2svg.pipeline.budgets import (
     load_of,
     size_that_fits,
 )
-from gauss2svg.pipeline.options import (
-    Goal,
-    Options,
-    ProgressCallback,
-    RunOptions,
-    SvgOptions,
-)
-from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, without_gaussians
+from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
+from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, limit_error
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
@@ -282,7 +276,7 @@ def vectorize_by(
     subject.release()
     # Every search prunes its file until it is within the limit. So this one has no shapes left.
     if (limit := plan.goal.byte_limit) is not None and outcome.file.size > limit:
-        raise without_gaussians(outcome.file.size, limit)
+        raise limit_error(outcome.file.size, limit)
     return _result(plan, run, measured, outcome)
 
 
@@ -321,18 +315,17 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     return photo, load
 
 
-# A reduced picture may be an enlarged sprite if over FLAT of its pixels equal their neighbours.
-# If it had at most MOST_REREAD pixels, it is then read again at its own size.
-MOST_REREAD, FLAT = 2**22, 0.5
-
-
 def _sprite(plan: Plan, run: Run, image: ImageSource, photo: Photo) -> Sprite | None:
-    """Return the cells of a photo that is pixel art, None for any other."""
+    """Return the cells of a photo that is pixel art, None for any other.
+
+    A reduced picture may be an enlarged sprite if most of its pixels equal their neighbours. If it
+    had at most 4 megapixels, it is then read again at its own size.
+    """
     width, height = photo.original_size
     if (photo.width, photo.height) == (width, height):
         return sprite_of(pixels_of(photo))
-    is_flat = (photo.pixels[:, 1:] == photo.pixels[:, :-1]).all(axis=2).mean() > FLAT
-    if not is_flat or width * height > MOST_REREAD:
+    is_flat = (photo.pixels[:, 1:] == photo.pixels[:, :-1]).all(axis=2).mean() > 0.5
+    if not is_flat or width * height > 2**22:
         return None
     return sprite_of(pixels_of(run.read(image, lambda *size: size, _matte(plan))))
 
@@ -375,7 +368,7 @@ def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
     aim, raster, subject = plan.aim, outcome.measured.raster, outcome.subject
     scores = Scores()
     if plan.options.run.scores or (aim is not None and not aim.of.always):
-        known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.aim_score}
+        known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.file.score}
         # This is imported here, because only few runs ask for scores.
         from gauss2svg.measure.perceptual import perceptual_scores
 

@@ -24,7 +24,7 @@ from gauss2svg.pipeline.trials import without_idle
 from gauss2svg.raster import rasterize, rasterize_rgba
 from gauss2svg.render import render
 from gauss2svg.scene.areas import AreaCounts, Outline
-from gauss2svg.scene.inks import ink_name
+from gauss2svg.scene.inks import ink_colors, ink_name
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import write_svg
 
@@ -39,6 +39,10 @@ CLEAR = rasterize_rgba(FRAME.format(SHAPES), SIDE, SIDE)
 SHADES = """<linearGradient id="a"><stop stop-color="#eef"/><stop offset="1" stop-color="#347"/>
 </linearGradient><path fill="url(#a)" d="M0 0h128v128H0z"/>"""
 SHADED = rasterize(FRAME.format(SHADES + SHAPES), SIDE, SIDE)
+PALETTE = np.array([[20, 12, 28], [208, 70, 72], [109, 170, 44], [222, 238, 214]], np.uint8)
+CELLS = np.random.default_rng(0).integers(0, 4, (24, 24)).repeat(2, axis=0).repeat(2, axis=1)
+SPRITE = PALETTE[CELLS]
+CLEAR_SPRITE = np.dstack([SPRITE, np.where(CELLS == 3, 0, 255).astype(np.uint8)])
 
 
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
@@ -79,21 +83,14 @@ def test_memory_of_a_run_is_that_of_a_few_pictures():
     assert peak < 9.5 * large.nbytes
 
 
-def test_a_run_without_areas_reports_none(photo):
-    report = vectorize(photo, gaussians=5, iterations=2).report
-    names = ("area_count", "line_count", "node_count", "area_share", "area_find_s", "area_refine_s")
-    assert [report[name] for name in names] == [0] * 6
-
-
 def test_bytes_are_spent_where_errors_count_most():
     star = '<path fill="#17324d" d="M{} {}l4 9 10 1-8 6 4 11-10-6-9 7 3-11-9-6 11-1z"/>'
     stars = "".join(star.format(x, y) for x in (16, 46, 80, 110) for y in (12, 44, 76, 100))
     picture = rasterize(FRAME.format(f'<path fill="#fff" d="M0 0h128v128H0z"/>{stars}'), SIDE, SIDE)
     focus = np.full((SIDE, SIDE), 0.1, np.float32)
     focus[:, : SIDE // 2] = 1.9
-    outlines = [
-        one for area in find_areas(picture, 0.1, focus=focus).areas for one in area.outlines
-    ]
+    areas = find_areas(picture, 0.1, focus=focus).areas
+    outlines = [one for area in areas for one in area.outlines]
     is_left = [one.segments[..., 0].mean() < SIDE / 2 for one in outlines]
     nodes = [len(one.curved) for one in outlines]
     assert np.sum(nodes, where=is_left) > 1.5 * np.sum(nodes, where=np.logical_not(is_left))
@@ -158,27 +155,19 @@ def test_every_phase_is_told_and_the_forming_picture_has_the_areas():
     assert result.report["psnr_svg"] > 40
 
 
-@pytest.mark.parametrize("calls", [1, 2, 3])
-@pytest.mark.parametrize("limit", [None, 500, 1000])
-def test_a_stopped_run_writes_what_is_found_so_far_within_the_limit(calls, limit):
-    left = iter(range(calls - 1))
+LARGE = rasterize(FRAME.format(SHADES + SHAPES), 400, 400)  # areas take longer than a call
+
+
+@pytest.mark.parametrize("limit", [None, 1000, 3000])
+@pytest.mark.parametrize(("picture", "calls"), [(DRAWING, 0), (DRAWING, 2), (LARGE, 0), (LARGE, 6)])
+def test_a_stopped_run_writes_what_it_has_within_the_limit_and_is_not_blank(picture, calls, limit):
+    left = iter(range(calls))
     given = {} if limit is None else {"max_bytes": limit}
-    result = vectorize(DRAWING, areas="always", **given, stop=lambda: next(left, None) is None)
+    result = vectorize(picture, **given, stop=lambda: next(left, None) is None)
     assert result.report["stop_reason"] == "interrupted"
     assert result.report["svg_bytes"] <= (limit or np.inf)
-    assert result.scene.areas or limit == 500  # these bytes are too few for the first areas
-    assert rasterize(result.svg, 8, 8).shape == (8, 8, 3)
-
-
-@pytest.mark.parametrize("given", [{}, {"max_bytes": 3000}], ids=str)
-@pytest.mark.parametrize("calls", [0, 3, 6])
-def test_a_run_that_is_stopped_before_it_has_areas_is_not_blank(calls, given):
-    drawing = rasterize(FRAME.format(SHADES + SHAPES), 400, 400)
-    left = iter(range(calls))
-    result = vectorize(drawing, **given, stop=lambda: next(left, None) is None)
-    assert result.report["stop_reason"] == "interrupted"
-    assert result.report["svg_bytes"] <= given.get("max_bytes", np.inf)
-    assert result.report["psnr_svg"] > model_psnr(Scene(400, 400), drawing) + 5
+    blank = Scene(*picture.shape[1::-1])
+    assert result.report["psnr_svg"] > model_psnr(blank, picture) + 5
 
 
 @pytest.mark.parametrize("cells", [4, 50], ids=["areas", "too many cores"])
@@ -205,13 +194,11 @@ def test_the_command_writes_a_file_that_check_and_other_commands_read(tmp_path, 
 
 def test_the_areas_of_a_start_are_refined_and_not_found_again():
     result = vectorize(DRAWING, areas="always")
-    moved = result.scene.replace(
-        areas=[
-            dataclasses.replace(area, outlines=[shifted(o, 0.4) for o in area.outlines])
-            for area in result.scene.areas
-        ]
-    )
-    again = vectorize(DRAWING, areas="always", start=moved)
+    moved = [
+        dataclasses.replace(area, outlines=[shifted(one, 0.4) for one in area.outlines])
+        for area in result.scene.areas
+    ]
+    again = vectorize(DRAWING, areas="always", start=result.scene.replace(areas=moved))
     counts, new = AreaCounts.of(result.scene.areas), AreaCounts.of(again.scene.areas)
     assert (new.areas, new.lines) == (counts.areas, counts.lines)
     assert again.report["psnr_svg"] > result.report["psnr_svg"] - 1
@@ -376,9 +363,12 @@ def test_a_drawing_has_no_areas_if_the_paper_or_other_shapes_are_asked_for(given
 
 
 INKS = "#ffffff,#d03020,#203050,#108040"
-MIXED = (
-    np.array([[255, 255, 255], [0xD0, 0x30, 0x20], [0x20, 0x30, 0x50], [0x10, 0x80, 0x40]]) / 255
-)
+
+
+def nearest_inks(picture):
+    """Return a picture in its nearest inks."""
+    inks = ink_colors(INKS)
+    return inks[np.square(picture[:, :, None] - inks).sum(axis=-1).argmin(axis=-1)]
 
 
 @pytest.mark.parametrize("given", [{}, {"markup": "minimal"}, {"max_bytes": 2000}], ids=str)
@@ -389,31 +379,18 @@ def test_a_drawing_in_inks_is_areas_that_each_have_one_of_them(picture, given):
     assert len(result.scene) == 0
     assert {ink_name(ink) for ink in result.scene.inks} <= set(INKS.split(","))
     # Antialiased pixels along outlines mix two inks. All others have one.
-    off = np.abs(rasterize(result.svg, 512, 512)[:, :, None] - MIXED).max(axis=-1).min(axis=-1)
-    assert (off > 0.01).mean() < 0.05
-    plates = result.plates()
-    assert (
-        sum(rasterize(svg, SIDE, SIDE)[..., 0] for svg in plates.values()).max() < len(plates) + 0.1
-    )
+    large = rasterize(result.svg, 512, 512)
+    assert (np.abs(large - nearest_inks(large)).max(axis=-1) > 0.01).mean() < 0.05
+    plates = [rasterize(svg, SIDE, SIDE)[..., 0] for svg in result.plates().values()]
+    assert np.sum(plates, axis=0).max() < len(plates) + 0.1
 
 
-def test_a_drawing_has_the_nearest_ink_everywhere():
-    nearest = MIXED[np.square(DRAWING[:, :, None] - MIXED).sum(axis=-1).argmin(axis=-1)]
-    raster = vectorize(DRAWING, inks=INKS).raster
-    assert (np.abs(raster - nearest).max(axis=-1) > 0.1).mean() < 0.04
-
-
-def test_pixel_art_in_inks_has_an_ink_in_each_cell():
-    rng = np.random.default_rng(0)
-    cells = (
-        (rng.integers(256, size=(7, 3)) / 255)[rng.integers(7, size=(8, 8))]
-        .repeat(6, axis=0)
-        .repeat(6, axis=1)
-    )
-    result = vectorize(cells.astype(np.float32), inks=INKS)
+@pytest.mark.parametrize(("picture", "most"), [(DRAWING, 0.04), (SPRITE / 255, 0.0)])
+def test_a_drawing_and_pixel_art_have_the_nearest_ink_everywhere(picture, most):
+    result = vectorize(picture.astype(np.float32), inks=INKS)
     assert result.report["gaussians"] == 0
-    nearest = MIXED[np.square(cells[:, :, None] - MIXED).sum(axis=-1).argmin(axis=-1)]
-    np.testing.assert_allclose(result.raster, nearest, atol=0.01)
+    is_off = np.abs(result.raster - nearest_inks(picture)).max(axis=-1) > 0.1
+    assert is_off.mean() <= most
 
 
 def test_a_drawing_with_a_photo_in_it_has_ellipses_in_inks():
@@ -511,3 +488,52 @@ def test_cairo_draws_the_gradients_of_a_large_drawing():
     picture[300:, 300:] = [0.1, 0.3, 0.1]
     result = vectorize(np.float32(picture))
     assert psnr(rasterize(result.svg, 1100, 400, "cairo"), picture) > 40
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_a_sprite_is_exact_in_few_bytes_and_its_file_is_read_again(markup):
+    result = vectorize(SPRITE, markup=markup)
+    assert (result.raster == result.photo).all()
+    assert (len(result.scene.areas), len(result.scene)) == (3, 0)
+    # vtracer has 28 kB, by polygons that are not exact.
+    assert result.report["svg_bytes"] < 5000
+    again = read_svg(result.svg)
+    assert [area.paint for area in again.areas] == [area.paint for area in result.scene.areas]
+    assert (rasterize(result.svg, 48, 48) == SPRITE / np.float32(255)).all()
+
+
+@pytest.mark.parametrize("limit", [None, 8000])
+def test_a_sprite_with_alpha_is_exact(limit):
+    result = vectorize(CLEAR_SPRITE, max_bytes=limit)
+    drawn = rasterize_rgba(result.svg, 48, 48)
+    assert (over(drawn) == over(CLEAR_SPRITE / np.float32(255))).all()
+    assert result.scene.transparent
+
+
+def test_a_file_within_the_limit_is_exact_and_another_one_has_what_fits():
+    whole = vectorize(SPRITE, markup="minimal").report["svg_bytes"]
+    for limit, is_exact in ((whole, True), (whole - 300, True), (800, False)):
+        result = vectorize(SPRITE, max_bytes=limit)
+        assert result.report["svg_bytes"] <= limit
+        assert (result.report["psnr_svg"] is None) == is_exact
+
+
+def test_a_sprite_of_over_a_megapixel_is_exact():
+    large = SPRITE[::2, ::2].repeat(48, axis=0).repeat(48, axis=1)
+    result = vectorize(large)
+    assert result.photo.shape[0] < 1152
+    assert (rasterize(result.svg, 1152, 1152) == large / np.float32(255)).all()
+
+
+def test_a_silhouette_has_fewer_bytes_than_by_other_tools():
+    horse = data.horse().astype(np.uint8) * 255
+    report = vectorize(horse).report
+    assert report["psnr_svg"] is None
+    assert report["svg_bytes"] < 4000  # vtracer has 10.9 kB
+
+
+def test_options_that_ask_for_gaussians_draw_a_sprite_by_gaussians():
+    for options in ({"areas": "never"}, {"gaussians": 20}, {"inks": 3, "target_psnr": 10}):
+        result = vectorize(SPRITE, iterations=2, **options)
+        assert not result.scene.areas
+        assert len(result.scene)

@@ -6,12 +6,10 @@ import json
 import numpy as np
 import pytest
 from conftest import needs
-from flat import fit_config, vectorize
+from flat import vectorize
 
 from gauss2svg import quantize
 from gauss2svg.errors import RendererError
-from gauss2svg.fit.population import composited
-from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import tiles
@@ -32,13 +30,6 @@ def result(photo):
     return vectorize(photo, seed=0, **QUICK)
 
 
-def test_svg_matches_the_photo_and_the_model(result):
-    assert result.report["psnr_svg"] > 22
-    assert result.report["psnr_svg"] > result.report["psnr_model"] - 0.5
-    assert result.report["psnr_roundtrip"] > 38
-    assert abs(result.report["bias_roundtrip"]) < 0.5
-
-
 def test_report_measures_the_file_not_the_model_and_is_json(photo, result):
     report, raster = result.report, rasterize(result.svg, 64, 64)
     assert json.loads(json.dumps(report, allow_nan=False)) == report
@@ -49,20 +40,19 @@ def test_report_measures_the_file_not_the_model_and_is_json(photo, result):
     packed = gzip.compress(result.svg.encode(), 9, mtime=0)
     assert report["svgz_bytes"] == len(packed) < report["svg_bytes"]
     assert report["gaussians"] == len(result.scene)
-
-
-def test_another_seed_gives_another_file(photo):
-    one, other = (vectorize(photo, seed=seed, init="error", **QUICK).svg for seed in (0, 1))
-    assert one != other
+    assert 22 < report["psnr_svg"] > report["psnr_model"] - 0.5
+    assert report["psnr_roundtrip"] > 38
+    assert abs(report["bias_roundtrip"]) < 0.5
 
 
 @pytest.mark.parametrize(
     "change",
-    [{"loss": "l1"}, {"schedule": "linear"}, {"init": "random"},
-     {"loss": "mse+ssim", "ssim_weight": 0.5}, {"loss": "mse+ssim"}],
+    [{"loss": "l1"}, {"schedule": "linear"}, {"init": "random"}, {"seed": 1, "init": "random"},
+     {"ssim_weight": 0.5, "loss": "mse+ssim"}, {"loss": "mse+ssim"}],
 )  # fmt: skip
-def test_every_option_reaches_the_fit(photo, result, change):
-    assert vectorize(photo, **QUICK, **change).svg != result.svg
+def test_every_option_reaches_the_fit(photo, change):
+    less = dict(list(change.items())[1:])  # without the first option
+    assert vectorize(photo, **QUICK, **change).svg != vectorize(photo, **QUICK, **less).svg
 
 
 def test_phases_come_in_order_on_the_threads_that_were_asked_for(photo, capfd):
@@ -134,13 +124,6 @@ def test_the_portable_form_is_composited_by_a_second_fit_and_drawn_by_all(photo,
     assert report["iterations"] == 2 * additive.report["iterations"]
     assert report["pixel_pairs"] > 1.5 * additive.report["pixel_pairs"]
     assert report["psnr_model"] > vectorize(photo, **SUMMED).report["psnr_model"] - 0.3
-
-
-def test_conversion_begins_with_the_largest_shapes(photo, additive):
-    state = composited(additive.scene, target_of(photo, np.float32, "psnr"), fit_config(150).fit)
-    back = state.scene(additive.scene.background, 64, 64)
-    assert (np.diff(np.sqrt(np.linalg.det(back.covariance))) <= 1e-9).all()
-    assert len(np.unique(back.round_index)) == 6
 
 
 @pytest.mark.sweep

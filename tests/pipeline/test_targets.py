@@ -14,9 +14,8 @@ from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics
 from gauss2svg.measure.perceptual import ssimulacra2
 from gauss2svg.pipeline import plan
-from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.options import Goal, Options
-from gauss2svg.pipeline.outcome import Export, Subject
+from gauss2svg.pipeline.outcome import Export, Exporter, Subject
 from gauss2svg.pipeline.report import unreached
 from gauss2svg.raster import rasterize, rasterize_like
 from gauss2svg.render import render
@@ -69,6 +68,7 @@ def test_a_target_out_of_reach_costs_none_of_the_closeness_within_a_limit(photo)
     assert len(both.svg.encode()) <= 2_000
     assert both.report["target_psnr"] == 90
     assert "90 dB not reached" in both.report["unreached"][0]
+    assert both.report["stop_reason"] != "target_psnr"
 
 
 def test_a_target_that_is_reached_by_too_large_a_file_is_looked_for_in_smaller_ones():
@@ -180,29 +180,6 @@ def test_better_qualities_are_more_accurate_and_larger(photo):
     assert values == sorted(values)
 
 
-def test_small_picture_gets_no_fewer_steps_than_by_a_cheaper_preset():
-    fast = Options.from_flat({"quality": "fast"})
-    preset, cheaper = plan.PRESETS["fast"], plan.PRESETS["draft"]
-    assert cheaper.iterations > preset.iterations
-    for side, steps in ((cheaper.max_size, cheaper), (preset.max_size, preset), (None, preset)):
-        assert plan.Plan(fast, fit_side=side).fit_config.iterations == steps.iterations
-
-
-@pytest.mark.parametrize(
-    "asked",
-    [
-        {"target_psnr": 23}, {"target_psnr": 24, "max_bytes": "5k"},
-        pytest.param({"target_psnr": 90}, marks=pytest.mark.sweep),
-        pytest.param({"target_psnr": 25, "max_size": 20}, marks=pytest.mark.sweep),
-    ],
-)  # fmt: skip
-def test_target_is_the_stop_reason_if_and_only_if_the_file_has_it(photo, asked):
-    report = vectorize(photo, iterations=20, **asked).report
-    reached = report["psnr_svg"] >= asked["target_psnr"] - 0.05
-    assert (report["stop_reason"] == "target_psnr") == reached
-    assert bool(report["unreached"]) != reached
-
-
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
 def test_a_pruned_file_has_as_many_of_the_most_useful_gaussians_as_fit(markup):
     """A file that is pruned to a limit nearly fills it, and keeps the shapes that matter."""
@@ -225,16 +202,9 @@ def test_a_pruned_file_has_as_many_of_the_most_useful_gaussians_as_fit(markup):
             assert metrics.psnr(render(less.scene), photo) > metrics.psnr(render(first), photo)
 
 
-@pytest.mark.sweep
-def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
-    result = vectorize(photo, gaussians="auto", max_bytes=4000, **QUICK)
-    exact = rasterize(write_svg(result.scene, SvgFormat()), 64, 64)
-    assert np.mean((exact - result.raster) ** 2) < 2 * plan.LARGEST_COLOR_ERROR
-
-
 def test_late_run_says_so():
     limited = plan.Plan(Options.from_flat({"time_limit": 2.0}))
-    outcome: Any = SimpleNamespace(fitted=SimpleNamespace(stop_reason="time_limit"), aim_score=30.0)
+    outcome: Any = SimpleNamespace(fitted=SimpleNamespace(stop_reason="time_limit"))
     lines = [*unreached(limited, outcome, 3.5)]
     assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a smaller --max-size"]
     assert [*unreached(limited, outcome, 2.2)] == []
