@@ -27,7 +27,7 @@ from gauss2svg.measure import (
     ScoresMissingError,
     packages_missing,
 )
-from gauss2svg.measure.metrics import LEVELS, check_shapes
+from gauss2svg.measure.metrics import check_shapes
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, module_command, python_environment, run
@@ -145,12 +145,12 @@ def main() -> None:
 
     height, width = map(int, sys.argv[1:])
     levels = np.frombuffer(sys.stdin.buffer.read(), np.uint8).reshape(2, height, width, 3)
-    photo, image = levels.astype(np.float32) / np.float32(LEVELS)
+    photo, image = levels.astype(np.float32) / np.float32(255)
     print(evaluate(photo, image, "LDR", applyMagma=False)[1])
 
 
 def _eight_bits(image: NDArray[np.floating]) -> NDArray[np.uint8]:
-    return np.round(np.clip(image, 0, 1) * LEVELS).astype(np.uint8)
+    return np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
 
 
 def _as_file(image: NDArray[np.floating]) -> io.BytesIO:

@@ -46,24 +46,15 @@ from gauss2svg.photo.pixels import (
 from gauss2svg.photo.srgb import PRIMARIES, TRANSFERS, ColorSpace, in_srgb
 
 SWAPPED = (5, 6, 7, 8)  # the EXIF orientations that exchange width and height
-_LEAST_DPI = 1.0  # px per inch. A resolution of this or less counts as unknown
-# A mask must have a pixel whose grey, in 0..1, is at least this, and a pixel whose grey is less.
-_WHITE = 0.5
-# Pixels count as square if the resolutions across and down differ by at most this share.
-_SQUARE = 0.01
 # libjpeg can reduce a JPEG while it decodes it, but its filter removes high frequencies
 # (docs/decisions/photo.md). So libjpeg may reduce each side only to at least this many times the
 # size needed, and `resized` does the rest of the reduction.
 OVERSIZE = 3
-# The alpha of an opaque pixel, for each format of samples.
-_OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}
 # Exceptions by which decoders say what is wrong with a file.
 _EXPLAINED = pyvips.Error, OSError, ValueError, RuntimeError, SyntaxError
 # Parts of a decoder's message: the name of a function, numbers of an error, and a line without
 # a reason.
 _INTERNAL = re.compile(r"^\s*\w+: (unable to open source for input)?|\([0-9]+\.[0-9]+\)$")
-# A message of libjpeg. libvips takes it as a warning, but here it is an error.
-_TRUNCATED = "premature end of data segment"
 
 
 @dataclass(eq=False)
@@ -120,12 +111,12 @@ class StoredImage:
             return None, []
         across, down = self.density[::-1] if self.orientation in SWAPPED else self.density
         notes = []
-        if abs(across / down - 1) > _SQUARE:
+        if abs(across / down - 1) > 0.01:
             notes.append(
                 f"pixels are {down / across:.3g} times as wide as high by the resolution tag; "
                 "treated as square"
             )
-        is_known = self.is_per_inch and min(self.density) > _LEAST_DPI
+        is_known = self.is_per_inch and min(self.density) > 1  # px per inch
         return (across, down) if is_known else None, notes
 
     def set_codes(self, source: str, codes: Sequence[int]) -> None:
@@ -212,8 +203,10 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     size = reduced_size(needed, stored.width, stored.height)
     with _refusing(name):
         pixels, warnings = samples(lambda: _picture(stored, size, name))
-        if any(_TRUNCATED in warning for warning in warnings):
-            raise ValueError(_TRUNCATED)
+        # libvips takes this message of libjpeg as a warning, but here it is an error.
+        truncated = "premature end of data segment"
+        if any(truncated in warning for warning in warnings):
+            raise ValueError(truncated)
     if size is not None and pixels.dtype == np.float32:
         # The filter that reduces the picture may return samples slightly outside of 0..1.
         pixels = pixels.clip(0, 1)
@@ -240,7 +233,8 @@ def _picture(stored: StoredImage, size: Size | None, name: str) -> Any:
     The picture is reduced to `size`, unless that is None.
     """
     full = stored.width, stored.height
-    scale = max(s for s in stored.scales if s == 1 or (size and _leaves_enough(full, size, s)))
+    reduction = min(side / small for side, small in zip(full, size or full, strict=True))
+    scale = max(s for s in stored.scales if s == 1 or s * OVERSIZE <= reduction)
     picture = stored.picture(scale)
     if (picture.width, picture.height) != tuple(-(-side // scale) for side in full):
         raise ValueError(f"its pixels are {picture.width}x{picture.height}")
@@ -267,17 +261,10 @@ def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
         small / side for small, side in zip(size, (picture.width, picture.height), strict=True)
     )
     if has_alpha:
-        picture = (picture / _OPAQUE[picture.format]).premultiply(max_alpha=1)
+        opaque = {"uchar": 255, "ushort": 65535, "float": 1}[picture.format]
+        picture = (picture / opaque).premultiply(max_alpha=1)
     picture = picture.resize(across, vscale=down, kernel="linear" if has_alpha else "cubic")
     return picture.unpremultiply(max_alpha=1) if has_alpha else picture
-
-
-def _leaves_enough(stored: Size, needed: Size, scale: int) -> bool:
-    """Return whether the image, decoded at 1 / `scale` of its size, is still large enough.
-
-    Each side must be at least OVERSIZE times the side that is needed.
-    """
-    return all(scale * OVERSIZE * small <= side for side, small in zip(stored, needed, strict=True))
 
 
 def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
@@ -347,7 +334,7 @@ def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pi
     The picture is read like a photo. Its transparent parts become black, and its colours grey. If
     it is larger than the photo, it is reduced to the size of the photo. Raise InputError if it
     cannot be read, if it does not have the proportions of the photo, or if all of its pixels are
-    light or all of them are dark (_WHITE).
+    light or all of them are dark.
     """
     try:
         needed = max(photo.width, photo.height)
@@ -360,7 +347,7 @@ def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pi
         needed = f"a mask of the photo's proportions, {across}x{down}"
         raise refusal("focus", needed, f"{width}x{height} px", "the photo's size")
     grey = mask.pixels.mean(axis=2, keepdims=True)
-    if not grey.min() < _WHITE <= grey.max():
+    if not grey.min() < 0.5 <= grey.max():
         needed = "a mask with white where detail matters, and black elsewhere"
         greys = f"greys from {255 * grey.min():.0f} to {255 * grey.max():.0f} of 255"
         raise refusal("focus", needed, greys, "painting on black with white")

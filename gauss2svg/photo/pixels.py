@@ -252,6 +252,11 @@ def linear_light(value: NDArray[np.floating]) -> NDArray[np.floating]:
     return np.where(value <= 0.04045, value / 12.92, portable.power((value + 0.055) / 1.055, 2.4))
 
 
+def psnr_of(error: float) -> float:
+    """Return the PSNR in dB of a mean squared error, which is infinite for 0."""
+    return -10 * portable.log10(error) if error > 0 else math.inf
+
+
 def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:
     """Return the colour, in 0..1, that a text names as `hex_of` allows, or raise InputError."""
     try:

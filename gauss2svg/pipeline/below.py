@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
-from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.fit.target import Target
 from gauss2svg.photo.pixels import Focus, from_views, has_alpha, views
 from gauss2svg.render.areas import coverage_of, draw_areas
 from gauss2svg.scene import Scene
@@ -53,11 +53,11 @@ def with_gaussians_below(
     page = from_views(*pages) if has_alpha(picture) else pages[0]
     weight = np.where(shows, seen * seen, 0).astype(np.float32)
     below = scene.replace(areas=scene.areas[:level])
-    targets = TargetPyramid(page, PSNR, focus=Focus(weight, STRENGTH), ground=below)
+    target = Target(page, PSNR, mask=Focus(weight, STRENGTH), ground=below)
     config = FitConfig(
         gaussians=count, iterations=STEPS, fit=FitOptions(tune=PSNR, falloff=GAUSSIAN)
     )
-    session = FitSession(page, config, stop=stop, targets=targets)
+    session = FitSession(target, config, stop=stop)
     session.fit()
     new = session.scene()
     new = new.scaled(scene.width / width, scene.height / height)

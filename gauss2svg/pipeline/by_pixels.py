@@ -53,7 +53,7 @@ def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> It
         if size <= (plan.goal.byte_limit or math.inf):
             run.notify("measure")
             measured = round_trip(svg, scene, subject.photo, plan.options.run.renderer)
-            found = FoundAreas(areas, ground, 1.0, measured.psnr_model, fitted_s[0], 0.0)
+            found = FoundAreas(areas, ground, 1.0, measured.scores["psnr_model"], fitted_s[0], 0.0)
             fitted = FitResult(scene, 0, 0, *fitted_s, 0, "gain")
             file = Export(scene, svg, written, size)
             yield Outcome(one, subject, file, fitted, measured, 0, found=found)

@@ -52,7 +52,7 @@ class Exporter:
         # With a mask or a perceptual fit, errors count more at some pixels than at others. The
         # palette is made with the same weights as the fit.
         if len(scene) and (plan.tune == PERCEPTUAL or subject.focus):
-            weight = subject.targets(plan.tune).reduced(1).visible_weight
+            weight = subject.target(plan.tune).visible_weight
         palette, color_error = plan.quantization(len(scene), error)
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
 

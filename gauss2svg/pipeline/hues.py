@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.measure.hue import WINDOW, box_mean, chroma
+from gauss2svg.measure.metrics import WINDOW, box_mean, chroma
 from gauss2svg.pipeline.clusters import Clusters, Palette, Rows
 from gauss2svg.render.cpu import moments_of_gradient, render_planar, splats_of
 from gauss2svg.scene import Scene

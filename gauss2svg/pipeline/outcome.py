@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, refusal
 from gauss2svg.fit import FitResult, Tune
-from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.pixels import Focus, shrunk, stacked
@@ -48,7 +48,7 @@ class Subject:
     focus: Focus | None = None
     start: Scene | None = None
     ground: Scene | None = None
-    _targets: dict[Tune, TargetPyramid] = field(default_factory=dict, init=False)
+    _targets: dict[Tune, Target] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, photo: NDArray[np.float32], canvas: tuple[int, int] | None = None) -> Self:
@@ -71,16 +71,14 @@ class Subject:
         """Width and height in px of the image that a fit runs on."""
         return self.working.shape[1::-1]
 
-    def targets(self, tune: Tune) -> TargetPyramid:
-        """Return the targets of fits to the working image.
+    def target(self, tune: Tune) -> Target:
+        """Return the target of fits to the working image.
 
-        The targets for a value of `tune` are made in the first call with this value. Later calls
-        return the same targets again.
+        The target for a value of `tune` is made in the first call with this value. Later calls
+        return the same target again.
         """
         if tune not in self._targets:
-            self._targets[tune] = TargetPyramid(
-                self.working, tune, focus=self.focus, ground=self.ground
-            )
+            self._targets[tune] = Target(self.working, tune, mask=self.focus, ground=self.ground)
         return self._targets[tune]
 
     def weight(self, picture: NDArray[np.float32]) -> NDArray[np.float32] | None:
@@ -103,7 +101,7 @@ class Subject:
         The most useful shape is the one without which the weighted error against the working image
         would rise most.
         """
-        target = self.targets(tune).reduced(1)
+        target = self.target(tune)
         scale = target.width / scene.width, target.height / scene.height
         above = np.flatnonzero(scene.level == ABOVE)
         cost = target.removal_cost(splats_of(scene.select(above), scale))[1][:, 0]

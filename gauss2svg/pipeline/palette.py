@@ -14,7 +14,7 @@ from gauss2svg import portable
 from gauss2svg.errors import quoted, refusal, required
 from gauss2svg.pipeline.clusters import Rows, few_entries
 from gauss2svg.pipeline.hues import LARGEST_CHANGE, HueChange, keep_hues
-from gauss2svg.render.weights import visible_mass
+from gauss2svg.render.cpu import visible_mass
 from gauss2svg.scene import ADD, BLURRED, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 from gauss2svg.svg.forms import GRADIENT, as_written, is_plain, with_falloffs

@@ -14,7 +14,7 @@ from gauss2svg import portable
 from gauss2svg.areas.find import FoundAreas
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
-from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.fit.target import Target
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import has_alpha, shrunk
 from gauss2svg.pipeline.below import with_gaussians_below
@@ -146,8 +146,8 @@ class Trials:
         inks = self._plan.options.fit.inks
         options = FitOptions(tune=PSNR, falloff=GAUSSIAN if inks is None else None, inks=inks)
         config = FitConfig(gaussians=count, iterations=TRIAL_STEPS, fit=options)
-        targets = TargetPyramid(self._small, PSNR, focus=self._subject.focus, ground=ground)
-        session = FitSession(self._small, config, stop=stop, targets=targets)
+        target = Target(self._small, PSNR, mask=self._subject.focus, ground=ground)
+        session = FitSession(target, config, stop=stop)
         session.fit()
         return session
 

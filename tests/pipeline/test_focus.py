@@ -7,7 +7,7 @@ from PIL import Image
 from skimage import data
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.target import target_of
+from gauss2svg.fit.target import Target
 from gauss2svg.photo.pixels import Focus
 
 HEIGHT, WIDTH = 48, 64
@@ -82,7 +82,7 @@ def test_the_weight_inside_is_larger_by_the_strength_and_has_its_mean(tune, size
     pixels = small("coffee").astype(np.float32) / 255
     mask = np.asarray(Image.fromarray(MASK).resize(size[::-1], Image.Resampling.BOX), np.float32)
     focus = Focus(mask[:, :, None] / 255, 5.0)
-    plain, weighted = (target_of(pixels, np.float64, tune, each).weight for each in (None, focus))
+    plain, weighted = (Target(pixels, tune, np.float64, mask=each).weight for each in (None, focus))
     factor, inside = weighted / plain, focus.inside(HEIGHT, WIDTH)
     np.testing.assert_allclose(factor, factor.min() * (1 + 4 * inside), rtol=1e-5)
     assert inside.max() == 1

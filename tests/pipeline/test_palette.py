@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scenes import random_scene, random_sum
 
-from gauss2svg.measure.hue import local_hue_error
-from gauss2svg.measure.metrics import psnr
+from gauss2svg.measure.metrics import local_hue_error, psnr
 from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.hues import LARGEST_CHANGE
 from gauss2svg.pipeline.options import Options

@@ -11,7 +11,7 @@ from flat import fit_config, vectorize
 from gauss2svg import quantize
 from gauss2svg.errors import RendererError
 from gauss2svg.fit.population import composited
-from gauss2svg.fit.target import target_of
+from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import tiles
@@ -80,12 +80,12 @@ def test_phases_come_in_order_on_the_threads_that_were_asked_for(photo, capfd):
 
 
 def test_missing_renderer_is_reported_before_the_fit(photo, monkeypatch):
-    from gauss2svg.raster import libraries
+    from gauss2svg.raster import renderers
 
     def missing():
         raise RendererError("no cairo")
 
-    monkeypatch.setattr(libraries, "cairo_version", missing)
+    monkeypatch.setattr(renderers, "cairo_version", missing)
     with pytest.raises(RendererError, match="no cairo"):
         vectorize(photo, renderer="cairo", progress=lambda p: pytest.fail(p.phase), **QUICK)
 
@@ -137,7 +137,7 @@ def test_the_portable_form_is_composited_by_a_second_fit_and_drawn_by_all(photo,
 
 
 def test_conversion_begins_with_the_largest_shapes(photo, additive):
-    state = composited(additive.scene, target_of(photo, np.float32, "psnr"), fit_config(150).fit)
+    state = composited(additive.scene, Target(photo, "psnr"), fit_config(150).fit)
     back = state.scene(additive.scene.background, 64, 64)
     assert (np.diff(np.sqrt(np.linalg.det(back.covariance))) <= 1e-9).all()
     assert len(np.unique(back.round_index)) == 6
