@@ -190,7 +190,7 @@ def _add_chunks(stored: StoredImage, file: bytes) -> None:
     if iccp := chunks.get(b"iCCP"):
         packed = iccp.partition(b"\0")[2][1:]
         try:
-            profile = zlib.decompressobj().decompress(packed, 1 << 24)  # at most 16 MiB
+            profile = zlib.decompressobj().decompress(packed, 1 << 24)  # its size limit is 16 MiB
             stored.space = replace(stored.space, profile=profile)
         except zlib.error:
             stored.notes.append(UNUSABLE)

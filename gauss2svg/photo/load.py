@@ -202,11 +202,15 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     """
     size = reduced_size(needed, stored.width, stored.height)
     with _refusing(name):
-        pixels, warnings = samples(lambda: _picture(stored, size, name))
+        pixels, warnings = samples(lambda: _picture(stored, size))
         # libvips takes this message of libjpeg as a warning, but here it is an error.
         truncated = "premature end of data segment"
         if any(truncated in warning for warning in warnings):
             raise ValueError(truncated)
+        if size not in (None, pixels.shape[1::-1]):
+            # Floats outside of 0..1 must be refused by `unit` before a filter mixes them.
+            whole = pyvips.Image.new_from_array(unit(pixels, name))
+            pixels, _ = samples(lambda: resized(whole, size, stored.alpha is not None))
     if size is not None and pixels.dtype == np.float32:
         # The filter that reduces the picture may return samples slightly outside of 0..1.
         pixels = pixels.clip(0, 1)
@@ -227,10 +231,10 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     return Photo(color, stored.upright_size, (*notes, *dpi_notes, *color_notes), dpi, alpha)
 
 
-def _picture(stored: StoredImage, size: Size | None, name: str) -> Any:
+def _picture(stored: StoredImage, size: Size | None) -> Any:
     """Return a libvips picture with only the channels of colour and alpha.
 
-    The picture is reduced to `size`, unless that is None.
+    The picture is reduced to `size`, unless that is None or the samples are floats.
     """
     full = stored.width, stored.height
     reduction = min(side / small for side, small in zip(full, size or full, strict=True))
@@ -241,11 +245,8 @@ def _picture(stored: StoredImage, size: Size | None, name: str) -> Any:
     bands = [*range(stored.colors), *([] if stored.alpha is None else [stored.alpha])]
     if picture.bands > len(bands):
         picture = picture[bands[0]].bandjoin([picture[band] for band in bands[1:]])
-    if size is None:
+    if size is None or picture.format == "float":
         return picture
-    if picture.format == "float":
-        # Samples outside of 0..1 must be refused by `unit` before a filter mixes them with others.
-        picture = pyvips.Image.new_from_array(unit(samples(lambda: picture)[0], name))
     return resized(picture, size, stored.alpha is not None)
 
 
