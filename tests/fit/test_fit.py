@@ -93,19 +93,6 @@ def test_relocation_raises_psnr(photo):
     assert relocated > without + 0.2
 
 
-def test_new_gaussians_lie_along_the_edge():
-    planar = np.zeros((3, 40, 60), np.float32)
-    planar[:, :, 30:] = 1  # a vertical edge
-    blank = np.full_like(planar, 0.5)
-    blank[:, :, 28:32] = 0.0
-    new = place(
-        "error", Target(np.moveaxis(planar, 0, -1), "psnr"), blank, 20, 20, np.random.default_rng(0)
-    )
-    near = np.abs(new.mean[:, 0] - 30) < 3
-    assert near.any()
-    assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
-
-
 @pytest.mark.parametrize("clear", [False, True])
 @pytest.mark.parametrize("count", [1, 40])
 def test_a_fit_above_areas_begins_at_their_error_and_stays_at_a_picture_of_them(count, clear):
@@ -209,29 +196,6 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
         np.testing.assert_allclose(fast[:, column] / scale, slow / scale, atol=off)
 
 
-def test_new_gaussians_go_where_the_error_is_selective_ones_with_its_area_and_colour():
-    planar = np.zeros((3, 40, 60), np.float32)
-    planar[1, 10:20, 30:45] = 0.75
-    blank = np.zeros_like(planar)
-    x, y = place(
-        "error", Target(np.moveaxis(planar, 0, -1), "psnr"), blank, 1, 1, np.random.default_rng(0)
-    ).mean[0]
-    assert (26 < x < 49, 6 < y < 24) == (True, True)
-    new = place(
-        "selective",
-        Target(np.moveaxis(planar, 0, -1), "psnr"),
-        blank,
-        1,
-        1,
-        np.random.default_rng(0),
-    )
-    np.testing.assert_allclose(new.mean[0], [37.5, 15])
-    # 15 x 10 px: area and aspect of the rectangle, lying along x
-    sigma = 0.5 * np.sqrt(150 / np.pi) * np.sqrt([1.5, 1 / 1.5])
-    np.testing.assert_allclose(new.factor[0], [sigma[0], 0, sigma[1]], rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(new.color[0], [0, 0.75, 0])
-
-
 @pytest.mark.parametrize(("contrast", "relocates"), [(0.2, True), (1e-3, False)])
 def test_nothing_is_relocated_where_the_error_does_not_show(contrast, relocates, monkeypatch):
     calls = []
@@ -260,32 +224,52 @@ def test_new_additive_gaussians_share_the_residual():
     assert 0.7 < population.rendered().max() < 1.5
 
 
-def blank(target: Target) -> np.ndarray:
-    return np.full_like(target.planar, 0.25)
+def placed(kind: str, picture, count: int, rendered=0.25, blend: str = "add") -> NewGaussians:
+    """So many new Gaussians where a picture (h, w, 3) is not yet as rendered."""
+    target = Target(np.asarray(picture, np.float32), "psnr")
+    drawn = np.broadcast_to(np.float32(rendered), target.planar.shape)
+    rng = np.random.default_rng(0)
+    return place(kind, target, drawn, count, count, rng, additive=blend == "add")
+
+
+def test_new_gaussians_go_along_the_edge_where_the_error_is():
+    picture = np.zeros((40, 60, 3))
+    picture[:, 30:] = 1  # a vertical edge
+    rendered = np.full((40, 60), 0.5)
+    rendered[:, 28:32] = 0.0
+    new = placed("error", picture, 20, rendered)
+    near = np.abs(new.mean[:, 0] - 30) < 3
+    assert near.any()
+    assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
+
+
+def test_selective_ones_have_the_area_the_aspect_and_the_colour_of_the_error():
+    picture = np.zeros((40, 60, 3))
+    picture[10:20, 30:45, 1] = 0.75
+    x, y = placed("error", picture, 1, 0).mean[0]
+    assert (26 < x < 49, 6 < y < 24) == (True, True)
+    new = placed("selective", picture, 1, 0, "over")
+    np.testing.assert_allclose(new.mean[0], [37.5, 15])
+    # 15 x 10 px: area and aspect of the rectangle, lying along x
+    sigma = 0.5 * np.sqrt(150 / np.pi) * np.sqrt([1.5, 1 / 1.5])
+    np.testing.assert_allclose(new.factor[0], [sigma[0], 0, sigma[1]], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(new.color[0], [0, 0.75, 0])
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_new_additive_gaussians_have_the_residuals_colour_and_others_the_targets(placement):
-    planar = np.zeros((3, 40, 60), np.float32)
-    planar += np.array([1.0, 0.5, 0.0], np.float32)[:, None, None]
-    target = Target(np.moveaxis(planar, 0, -1), "psnr")
+    picture = np.full((40, 60, 3), [1.0, 0.5, 0.0])
     for blend, expected in (("over", [1.0, 0.5, 0.0]), ("add", [0.75, 0.25, -0.25])):
-        rng = np.random.default_rng(0)
-        new = place(placement, target, blank(target), 9, 9, rng, blend == "add")
+        new = placed(placement, picture, 9, blend=blend)
         np.testing.assert_allclose(new.color, np.tile(expected, (9, 1)), atol=1e-6)
 
 
-def placed(kind: str, target: Target, count: int) -> NewGaussians:
-    """So many new additive Gaussians on a grey picture of a target."""
-    return place(kind, target, blank(target), count, count, np.random.default_rng(0), additive=True)
-
-
-def test_live_begins_on_the_largest_components_as_the_paper_says():
-    planar = np.full((3, 60, 80), 0.25, np.float32)
-    planar[:, 10:30, 8:28] = 1.0  # 400 px around (18, 20)
-    planar[:, 40:50, 50:60] = 1.0  # 100 px around (55, 45)
-    planar[:, 5, 70] = 0.3  # under the threshold
-    new = placed("live", Target(np.moveaxis(planar, 0, -1), "psnr"), 6)
+def test_live_begins_on_the_largest_components_of_the_bins_as_the_paper_says():
+    picture = np.full((60, 80, 3), 0.25)
+    picture[10:30, 8:28] = 1.0  # 400 px around (18, 20)
+    picture[40:50, 50:60] = 1.0  # 100 px around (55, 45)
+    picture[5, 70] = 0.3  # under the threshold
+    new = placed("live", picture, 6)
     np.testing.assert_allclose(new.mean[:2], [[18, 20], [55, 45]])
     # sigma = sqrt(A / (r s^2)) units of s / 10 px, r = 0.07, whatever the kernel size s
     for k, area in enumerate((400, 100)):
@@ -293,20 +277,16 @@ def test_live_begins_on_the_largest_components_as_the_paper_says():
         np.testing.assert_allclose(new.factor[k], [sigma, 0, sigma])
     assert len(new.mean) == 6  # the rest at random
     assert len(np.unique(new.mean[2:], axis=0)) == 4
-
-
-def test_live_separates_bins_of_the_residual():
-    planar = np.full((3, 40, 40), 0.25, np.float32)
-    planar[:, 5:35, 5:35] = 0.6  # a frame of one bin around a square of another
-    planar[:, 15:25, 15:25] = 1.0
-    new = placed("live", Target(np.moveaxis(planar, 0, -1), "psnr"), 2)
+    frame = np.full((40, 40, 3), 0.25)
+    frame[5:35, 5:35] = 0.6  # a frame of one bin around a square of another
+    frame[15:25, 15:25] = 1.0
+    new = placed("live", frame, 2)
     np.testing.assert_allclose(new.factor[:, 0] ** 2 * 7, [900 - 100, 100])
 
 
 def test_random_begins_anywhere_with_every_shape():
-    target = Target(np.random.default_rng(1).random((50, 90, 3)).astype(np.float32), "psnr")
     for count in (40, 2000):
-        new = placed("random", target, count)
+        new = placed("random", np.random.default_rng(1).random((50, 90, 3)), count)
         sigma_y = np.hypot(new.factor[:, 1], new.factor[:, 2])
         sigma, rho = np.stack([new.factor[:, 0], sigma_y]), new.factor[:, 1] / sigma_y
         unit = np.sqrt(50 * 90 / (count * np.pi))  # of a disc with each one's share of the area
