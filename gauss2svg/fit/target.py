@@ -291,7 +291,7 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     """
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
-        energy = reduce(add, map(_gradient_energy, lumas)) / len(lumas)
+        energy = reduce(add, (gx * gx + gy * gy for gx, gy in map(slopes, lumas))) / len(lumas)
         flatness = portable.exp(-smoothed(energy, FLAT_REACH) / FLAT_GRADIENT**2)
         weight = 1 + FLAT * flatness
     else:
@@ -310,11 +310,6 @@ def slopes(luma: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np
     gy = np.gradient(luma, axis=0) if height > 1 else np.zeros_like(luma)
     gx = np.gradient(luma, axis=1) if width > 1 else np.zeros_like(luma)
     return gx, gy
-
-
-def _gradient_energy(luma: NDArray[np.floating]) -> NDArray[np.floating]:
-    gx, gy = slopes(luma)
-    return gx * gx + gy * gy
 
 
 def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.errors import InputError
+from gauss2svg.errors import refusal
 from gauss2svg.photo.pixels import BACKDROPS, has_alpha, linear_light, over, psnr_of
 from gauss2svg.without_scipy import mirrored, smoothed
 
@@ -34,9 +34,8 @@ _BAND_VALUES = 65536  # number of values that are compared at a time. They fit i
 def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
     """Raise InputError unless two images have the same shape (h, w, channels)."""
     if image.shape != other.shape or image.ndim != 3:
-        raise InputError(
-            f"two images must be of one shape (h, w, channels); got {image.shape} and {other.shape}"
-        )
+        got = f"{image.shape} and {other.shape}"
+        raise refusal("two images", "of one shape (h, w, channels)", got)
 
 
 def _bands(

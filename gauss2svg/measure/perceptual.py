@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, refusal
 from gauss2svg.measure import (
     ADVICE,
     ON_REQUEST,
@@ -100,10 +100,8 @@ def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> flo
     """
     height, width = image.shape[:2]
     if min(height, width) < SSIMULACRA2.least_side:
-        raise InputError(
-            f"an image for SSIMULACRA2 must be at least {SSIMULACRA2.least_side} px a side; "
-            f"got {width}x{height} px. Try SSIM"
-        )
+        needed = f"at least {SSIMULACRA2.least_side} px a side"
+        raise refusal("an image for SSIMULACRA2", needed, f"{width}x{height} px", "SSIM")
     try:
         from ssimulacra2 import compute_ssimulacra2
     except ImportError as error:

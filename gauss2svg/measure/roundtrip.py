@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.measure import Score, metrics
-from gauss2svg.photo.pixels import BLACK, alpha_of, has_alpha, over, stacked, views
+from gauss2svg.photo.pixels import BLACK, has_alpha, over, stacked, views
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like, renderer_version
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene
@@ -120,4 +120,4 @@ def _psnr_with_alpha(
     if not has_alpha(photo):
         return None, None
     over_black = metrics.psnr(over(image, BLACK), over(photo, BLACK))
-    return over_black, metrics.psnr(alpha_of(image), alpha_of(photo))
+    return over_black, metrics.psnr(image[:, :, 3:], photo[:, :, 3:])

@@ -185,10 +185,8 @@ def opened(file: bytes, name: str, max_pixels: int) -> StoredImage:
     """
     kind = format_of(file[:PREFIX_BYTES])
     if isinstance(kind, str):
-        raise InputError(
-            f"{name} must be a supported image ({', '.join(FORMATS)}); got {kind}. Try "
-            "converting it"
-        )
+        needed = f"a supported image ({', '.join(FORMATS)})"
+        raise refusal(name, needed, kind, "converting it")
     with _refusing(name):
         stored = resolve_name(kind.decoder)(file, kind.loader)
     check_size((stored.width, stored.height), name, max_pixels)
@@ -284,16 +282,14 @@ def check_size(size: Size, name: str, max_pixels: int) -> None:
     """Raise InputError if a size (width, height) has no pixels, or more than max_pixels pixels."""
     width, height = size
     if width < 1 or height < 1:
-        raise InputError(f"{name} must be at least 1x1 px; got {width}x{height} px")
+        raise refusal(name, "at least 1x1 px", f"{width}x{height} px")
     count = width * height
     if count > max_pixels:
         advice = "shrinking it"
         if count <= MOST_PIXELS:
             advice += f", or raising --max-pixels, up to {MOST_PIXELS}, if you trust the file"
-        raise InputError(
-            f"{name} must be at most {max_pixels} px (--max-pixels); got {width}x{height} = "
-            f"{count} px. Try {advice}"
-        )
+        needed = f"at most {max_pixels} px (--max-pixels)"
+        raise refusal(name, needed, f"{width}x{height} = {count} px", advice)
 
 
 _CHANNELS = 1, 3, 4  # numbers of channels: grey, RGB, and RGB with alpha
@@ -421,23 +417,17 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
             file.seek(0)
             return file.read(-1 if is_photo else PREFIX_BYTES), name
     if not hasattr(source, "read"):
-        raise InputError(
-            "photo must be a path, bytes, a binary file, a PIL image, a numpy array or a torch "
-            f"tensor; got {type(source).__name__}"
-        )
+        needed = "a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor"
+        raise refusal("photo", needed, type(source).__name__)
     if getattr(source, "closed", False):
-        raise InputError(
-            "file object must be open; got a closed one. Try the path of the photo, or a file "
-            "that is open"
-        )
+        advice = "the path of the photo, or a file that is open"
+        raise refusal("file object", "open", "a closed one", advice)
     with suppress(AttributeError, OSError):  # raised if the file is a pipe, which cannot seek
         source.seek(0)
     data = source.read()
     if not isinstance(data, bytes):
-        raise InputError(
-            f"file object must be binary; got one that reads {type(data).__name__}. Try "
-            "open(path, 'rb')"
-        )
+        got = f"one that reads {type(data).__name__}"
+        raise refusal("file object", "binary", got, "open(path, 'rb')")
     return data, "file object"
 
 
@@ -448,9 +438,8 @@ def _tensor_samples(tensor: Any) -> NDArray[Any]:
         return (dense.float() if dense.is_floating_point() else dense).numpy()
     except (RuntimeError, TypeError) as error:  # raised for masked, quantized, nested, meta tensors
         needed, reason = "one that NumPy can hold", str(error).partition("\n")[0].rstrip(".")
-        raise InputError(
-            f"tensor must be {needed}; got {brief(reason)}. Try a dense tensor of floating point"
-        ) from error
+        advice = "a dense tensor of floating point"
+        raise refusal("tensor", needed, brief(reason), advice) from error
 
 
 def _of_array(
@@ -461,7 +450,7 @@ def _of_array(
     channel_axis  axis of the channels: the last one of an array, and the first one of a tensor
     """
     if np.ma.is_masked(array):
-        raise InputError(f"{name} must be without masked samples; got some. Try .filled(0)")
+        raise refusal(name, "without masked samples", "some", ".filled(0)")
     # The array is converted to a plain one, because a subclass may redefine operators.
     array = np.asarray(array)
     shape = array.shape
@@ -490,9 +479,7 @@ def _composited(photo: Photo, matte: Sequence[float] | None) -> Photo:
         return photo
     color = np.asarray(matte, np.float32)
     if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
-        raise InputError(
-            f"matte must be three numbers in 0..1: red, green, blue; got {quoted(matte)}"
-        )
+        raise refusal("matte", "three numbers in 0..1: red, green, blue", quoted(matte))
     if photo.alpha is None:
         return photo
     name = "".join(f"{round(255 * float(level)):02x}" for level in color)

@@ -24,7 +24,7 @@ from PIL import Image
 
 from gauss2svg import portable
 from gauss2svg.core import Kernel
-from gauss2svg.errors import InputError
+from gauss2svg.errors import refusal
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs, in_shares
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
 from gauss2svg.scene.falloff import (
@@ -199,9 +199,8 @@ def _visit(
     the sum of these numbers over all pairs of Gaussian i.
     """
     if image.ndim != 3 or image.shape[0] != 3 or image.dtype not in (np.float32, np.float64):
-        raise InputError(
-            f"image must be float32 or float64 (3, height, width); got {image.dtype} {image.shape}"
-        )
+        needed = "float32 or float64 (3, height, width)"
+        raise refusal("image", needed, f"{image.dtype} {image.shape}")
     image = np.ascontiguousarray(image)
     if weight is None:
         is_read = mode in (SQUARED_ERROR, REMOVAL)

@@ -19,7 +19,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import refusal
 from gauss2svg.render import TorchMissingError, output_size
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene import ABOVE, ADD, MOST_SIGNED, PLAIN, Scene, whitening_of
@@ -220,10 +220,8 @@ def _check_domain(name: str, tensor: torch.Tensor) -> None:
     bad = ~((values >= least) & (values <= most))
     if bad.any():
         at = tuple(int(i) for i in np.argwhere(bad)[0])
-        raise InputError(
-            f"{name}{list(at)} must be finite and in {least!r}..{most!r}; got "
-            f"{values[at]!s}. Try clamping it"
-        )
+        needed = f"finite and in {least!r}..{most!r}"
+        raise refusal(f"{name}{list(at)}", needed, str(values[at]), "clamping it")
 
 
 def below_one(dtype: torch.dtype) -> float:
