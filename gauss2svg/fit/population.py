@@ -25,9 +25,7 @@ from gauss2svg.fit.schedule import reduction, refinement_reduction, totals
 from gauss2svg.fit.state import (
     COLOR,
     COLUMNS,
-    INITIAL_OPACITY_LOGIT,
     LEAST_FITTED_SIGMA,
-    LEAST_SIGMA_ABOVE_AREAS,
     OPAQUE_LOGIT,
     State,
     columns_of,
@@ -43,6 +41,10 @@ from gauss2svg.scene.scene import LEAST_RAW_BETA
 # Least opacity of a shape in a finished fit. Renderers that composite in 8 bits omit fainter shapes
 # or draw them with errors of 10 to 60 % (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
+# Least semi-axis in px above areas, in place of LEAST_FITTED_SIGMA. Smaller shapes draw what the
+# outlines miss of single pixels, which makes an enlarged drawing worse (docs/decisions/areas.md).
+LEAST_SIGMA_ABOVE_AREAS = 0.8
+INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new shape (docs/decisions/fit.md)
 RELOCATED = 0.08  # share of the Gaussians that a relocation moves (docs/decisions/fit.md)
 # A fit raises the exponent beta of a shape only if this lowers the loss enough: a unit of ln beta
 # must lower it by at least BETA_PRICE times the loss of the picture divided by the number of

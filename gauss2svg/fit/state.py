@@ -248,14 +248,10 @@ LEAST_RIM = 0.5
 # Least semi-axis in px. Every renderer draws shapes below 0.3 px too faintly
 # (docs/decisions/renderers.md).
 LEAST_FITTED_SIGMA = 0.35
-# The same above areas. Smaller shapes draw what the outlines miss of single pixels, which makes an
-# enlarged drawing worse (docs/decisions/areas.md).
-LEAST_SIGMA_ABOVE_AREAS = 0.8
 # Logit of the opacity of opaque and of additive Gaussians. Adam does not step this logit. The
 # opacity that it stands for is nearly 1.
 OPAQUE_LOGIT = 12.0
-# The values of the next three constants were chosen by measurements (docs/decisions/fit.md).
-INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new alpha-composited Gaussian
+# The values of the next two constants were chosen by measurements (docs/decisions/fit.md).
 SIGNED_COLOR_RATE = 0.025  # learning rate of signed colours
 MOST_SIGNED_COLOR = 0.5  # largest absolute value of a channel of a signed colour in the fit
 

@@ -26,15 +26,7 @@ from gauss2svg import portable
 from gauss2svg.core import Kernel
 from gauss2svg.errors import refusal
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs, in_shares
-from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
-from gauss2svg.scene.falloff import (
-    coverage,
-    covered_radius,
-    cut_radius,
-    drawn_radius,
-    longer_axes,
-    profile,
-)
+from gauss2svg.scene import ADD, PLAIN, Scene, falloff, whitening_of
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -137,11 +129,11 @@ def splats_from(
     whitening (n, 3) is what gauss2svg.scene.whitening_of returns. is_plain (n,) marks the plain
     ellipses, which cover shares of pixels. If it is None, there are no plain ellipses.
     """
-    cut = radius = cut_radius(beta)
+    cut = radius = falloff.cut_radius(beta)
     outer = np.zeros((len(mean), 4))
     if is_plain is not None and is_plain.any():
-        radius = drawn_radius(beta, is_plain)
-        longer, max_share = longer_axes(whitening, radius)
+        radius = falloff.drawn_radius(beta, is_plain)
+        longer, max_share = falloff.longer_axes(whitening, radius)
         w11, w21, w22 = longer.T
         l11, l22 = 1 / w11, 1 / w22
         l21 = -w21 * l11 * l22
@@ -310,8 +302,8 @@ def color_weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDA
     # This import takes a third of a second, and few runs need it.
     from scipy.sparse import csr_array
 
-    covers, radius = scene.drawn == PLAIN, covered_radius(scene.beta)
-    reach = scene.sigma * cut_radius(scene.beta)[:, None] + covers[:, None]
+    covers, radius = scene.drawn == PLAIN, falloff.covered_radius(scene.beta)
+    reach = scene.sigma * falloff.cut_radius(scene.beta)[:, None] + covers[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
     high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
     transmittance, whitening = np.ones((height, width)), scene.whitening
@@ -324,9 +316,9 @@ def color_weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDA
         w11, w21, w22 = whitening[k]
         z = np.stack(np.broadcast_arrays(w11 * u, w21 * u + w22 * v), axis=-1)
         if covers[k]:
-            share = coverage(z, whitening[k], radius[k])
+            share = falloff.coverage(z, whitening[k], radius[k])
         else:
-            share = profile(np.sqrt(np.square(z).sum(axis=-1)), scene.beta[k])
+            share = falloff.profile(np.sqrt(np.square(z).sum(axis=-1)), scene.beta[k])
         alpha = scene.opacity[k] * share
         box = transmittance[y0:y1, x0:x1]
         weight = alpha * box

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from gauss2svg.fit import FitOptions
+from gauss2svg.fit.population import LEAST_SIGMA_ABOVE_AREAS
 from gauss2svg.fit.state import (
     COLUMN_COUNT,
     FIRST_DECAY,
     LEAST_FITTED_SIGMA,
     LEAST_RIM,
-    LEAST_SIGMA_ABOVE_AREAS,
     MOST_ASPECT,
     SECOND_DECAY,
     STEP_BY_BETA,

@@ -11,17 +11,10 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import PSNR, FitOptions
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit.placement import NewGaussians, place
-from gauss2svg.fit.population import LEAST_OPACITY
+from gauss2svg.fit.population import LEAST_OPACITY, LEAST_SIGMA_ABOVE_AREAS
 from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import FitSession, convert_additive, fit
-from gauss2svg.fit.state import (
-    COLUMN_COUNT,
-    FIRST_DECAY,
-    LEAST_SIGMA_ABOVE_AREAS,
-    State,
-    columns_of,
-    step,
-)
+from gauss2svg.fit.state import COLUMN_COUNT, FIRST_DECAY, State, columns_of, step
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.photo.pixels import stacked
