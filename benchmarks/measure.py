@@ -67,7 +67,7 @@ from common import (
 from PIL import Image
 
 from gauss2svg.measure import metrics, perceptual
-from gauss2svg.measure.hue import local_hue_error
+from gauss2svg.measure.metrics import local_hue_error
 from gauss2svg.options import byte_size
 from gauss2svg.svg.file import file_bytes
 

@@ -31,6 +31,7 @@ from scipy.ndimage import maximum_filter
 from gauss2svg import Scene
 from gauss2svg.fit import FitConfig, FitProgress
 from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
 from gauss2svg.render import render
@@ -105,7 +106,9 @@ def fit(
         reduce=not even,
     )  # fmt: skip
     session = FitSession(
-        pixels, config, progress=lambda progress: look(progress, session) if look else None
+        Target(pixels, config.fit.tuned),
+        config,
+        progress=lambda progress: look(progress, session) if look else None,
     )
     session.fit()
     return session.scene()

@@ -35,7 +35,7 @@ from gauss2svg.render import tiles
 
 
 def pytest_addoption(parser):
-    parser.addoption("--rewrite-golden", action="store_true", help="make the golden pictures anew")
+    parser.addoption("--rewrite-golden", action="store_true", help="make files of Inkscape anew")
 
 
 def pytest_xdist_auto_num_workers(config) -> int:

@@ -24,7 +24,7 @@ ALLOWED = 0.03  # squared error by which the picture may be worse without a kink
 class Kink(NamedTuple):
     """A kink of a path: its segment, the curve (4, 2) in place of both beside it, and its place."""
 
-    index: int
+    segment: int
     curve: Floats
     place: Floats
 
@@ -71,7 +71,7 @@ def kinks_of(path: Path) -> list[Kink]:
     is_short = np.minimum(length, np.roll(length, 1)) <= SHORT
     kinks = list[Kink]()
     for k in np.flatnonzero((turn >= TURN_RAD) & is_short & (curved | np.roll(curved, 1))):
-        if kinks and (k - kinks[-1].index < 2 or (k + 1 == count and not kinks[0].index)):
+        if kinks and (k - kinks[-1].segment < 2 or (k + 1 == count and not kinks[0].segment)):
             continue
         if len(kinks) == count - 2:  # a path needs two segments
             break
@@ -86,7 +86,7 @@ def kinks_of(path: Path) -> list[Kink]:
             for steps in [np.vstack([ends[k - 2], np.diff(line, axis=0), starts[(k + 1) % count]])]
         ]
         if bends[0] - bends[1] > BEND_RAD:
-            kinks.append(Kink(k, curve, segments[k, 0]))
+            kinks.append(Kink(int(k), curve, segments[k, 0]))
     return kinks
 
 
@@ -100,7 +100,7 @@ def _without(path: Path, kinks: list[Kink]) -> Path:
     if not kinks:
         return path
     segments, curved = path.segments.copy(), path.curved.copy()
-    at = np.array([kink.index for kink in kinks])
+    at = np.array([kink.segment for kink in kinks])
     segments[at] = [kink.curve for kink in kinks]
     curved[at] = True
     left = np.ones(len(curved), bool)

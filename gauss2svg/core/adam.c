@@ -1,4 +1,4 @@
-/* Adam's step of Gaussians, each in its own frame (gauss2svg.fit.adam). */
+/* Adam's step of Gaussians, each in its own frame (gauss2svg.fit.state). */
 
 #include "functions.h"
 

@@ -7,7 +7,7 @@ here may need NumPy.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast, get_args
 
@@ -191,10 +191,25 @@ class FitConfig:
         Field("gaussians", int, 0, MOST_GAUSSIANS).checked(self.gaussians)
         if self.iterations is not None:
             Field("iterations", int, 1, 10**9).checked(self.iterations)
-        for name, needed, got, advice in self._exclusions():
-            raise InputError(
-                f"{name} must {needed}; got {got}" + (f". Try {advice}" * bool(advice))
-            )
+        fit, densify = self.fit, self.densify
+        if fit.blend == ADD and fit.falloff not in (None, GAUSSIAN):
+            needed = f"{GAUSSIAN} with additive blending"
+            raise refusal("falloff", needed, quoted(fit.falloff), f"--blend {OVER}")
+        if fit.ssim_weight is not None and not has_ssim(fit.loss):
+            advice = f"--loss {'l1' if fit.loss == 'l1' else 'mse'}+ssim"
+            raise refusal("loss", "one with ssim if ssim_weight is given", quoted(fit.loss), advice)
+        each, per_round = densify.round_iterations, densify.per_round
+        if per_round is not None and densify.schedule == "all-at-once":
+            needed = "exponential or linear if per_round is given"
+            raise refusal("schedule", needed, quoted(densify.schedule))
+        if self.iterations is not None and (each or per_round):
+            steps = self.iterations if each else int(self.iterations * schedule.GROWTH_SHARE)
+            rounds = len(self.totals)
+            if rounds * (each or 1) > steps:
+                raise InputError(
+                    f"iterations must leave room for {rounds} rounds of {each or 1} or more; got "
+                    f"{steps} for the rounds. Try more --iterations or fewer rounds"
+                )
 
     @property
     def totals(self) -> list[int]:
@@ -212,32 +227,6 @@ class FitConfig:
         start = schedule.GROWTH_SHARE
         is_reduced = refinement_reduction(start, self.gaussians, width, height) > 1
         return self.iterations * (schedule.EXTENDED if is_reduced else 1)
-
-    def _exclusions(self) -> Iterator[tuple[str, str, str, str]]:
-        """Yield four texts for each option that conflicts with another option.
-
-        The texts are the name of the option, what the option must be or do, its value, and what the
-        user can try instead.
-        """
-        fit, densify = self.fit, self.densify
-        if fit.blend == ADD and fit.falloff not in (None, GAUSSIAN):
-            needed = f"be {GAUSSIAN} with additive blending"
-            yield "falloff", needed, quoted(fit.falloff), f"--blend {OVER}"
-        if fit.ssim_weight is not None and not has_ssim(fit.loss):
-            needed = "be one with ssim if ssim_weight is given"
-            base = "l1" if fit.loss == "l1" else "mse"
-            yield "loss", needed, quoted(fit.loss), f"--loss {base}+ssim"
-        each, per_round = densify.round_iterations, densify.per_round
-        if per_round is not None and densify.schedule == "all-at-once":
-            needed = "be exponential or linear if per_round is given"
-            yield "schedule", needed, quoted(densify.schedule), ""
-        if self.iterations is not None and (each or per_round):
-            steps = self.iterations if each else int(self.iterations * schedule.GROWTH_SHARE)
-            rounds = len(self.totals)
-            if rounds * (each or 1) > steps:
-                needed = f"leave room for {rounds} rounds of {each or 1} or more"
-                advice = "more --iterations or fewer rounds"
-                yield "iterations", needed, f"{steps} for the rounds", advice
 
 
 @dataclass(frozen=True)

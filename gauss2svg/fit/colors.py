@@ -13,6 +13,7 @@ that gives the least error (docs/decisions/inks.md).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -22,12 +23,9 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.core import Kernel
-from gauss2svg.fit import adam
-from gauss2svg.fit.adam import Blending
-from gauss2svg.fit.state import COLOR, State
+from gauss2svg.fit.state import COLOR, FIRST_DECAY, SECOND_DECAY, State
 from gauss2svg.fit.target import Target
 from gauss2svg.scene.falloff import RIM_WIDTH
-from gauss2svg.scene.scene import STEPPED
 from gauss2svg.svg.forms import LEAST_PLAIN_BETA
 from gauss2svg.without_scipy import nearest_entry
 
@@ -48,35 +46,34 @@ LEAST_MASS = 1e-3
 class SharedColors:
     """The k distinct pairs of a colour and an exponent in a state, and the pair of each shape.
 
-    More generally, an entry holds one value of each shared parameter (Parameter.shared). At present
-    these are the colour and the exponent.
+    Each pair is called an entry.
 
     color   (k, 3) colours of the entries
-    fixed   (k, m) raw values of the other shared parameters, which never change
+    beta    (k,) ln beta of the entries, which never changes
     adam_m  (k, 3) Adam's first moments of the colours
     adam_v  (k, 3) Adam's second moments of the colours
     entry   (n,) index of each shape's entry
     age     number of Adam steps that the colours have taken
-    bounds  least and largest value of a colour channel
+    bounds  (2,) least and largest value of a colour channel
     """
 
     color: NDArray[np.float64]
-    fixed: NDArray[np.float64]
+    beta: NDArray[np.float64]
     adam_m: NDArray[np.float64]
     adam_v: NDArray[np.float64]
     entry: NDArray[np.intp]
     age: int
-    bounds: tuple[float, float]
+    bounds: NDArray[np.float64]
 
     @classmethod
-    def of(cls, state: State, blending: Blending) -> SharedColors:
+    def of(cls, state: State, bounds: NDArray[np.float64]) -> SharedColors:
         """Return the distinct pairs of a colour and an exponent in a state, with moments of 0."""
-        keys = np.column_stack([state.color, _fixed_values(state)])
+        keys = np.column_stack([state.color, state.raw_beta])
         shared, entry = np.unique(keys, axis=0, return_inverse=True)
         moments = np.zeros((len(shared), 3))
         return cls(
-            shared[:, :3].copy(), shared[:, 3:].copy(), moments, moments.copy(),
-            entry.reshape(-1), 0, (blending.least_color, blending.most_color),
+            shared[:, :3].copy(), shared[:, 3].copy(), moments, moments.copy(),
+            entry.reshape(-1), 0, bounds,
         )  # fmt: skip
 
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
@@ -89,12 +86,11 @@ class SharedColors:
         """
         columns, count = gradient[:, COLOR].T, len(self.color)
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
-        first_decay, second_decay = adam.FIRST_DECAY, adam.SECOND_DECAY
         self.age += 1
-        self.adam_m = self.adam_m + (1 - first_decay) * (summed - self.adam_m)
-        self.adam_v = self.adam_v + (1 - second_decay) * (summed**2 - self.adam_v)
-        unbiased_m = self.adam_m / (1 - portable.power(first_decay, self.age))
-        unbiased_v = self.adam_v / (1 - portable.power(second_decay, self.age))
+        self.adam_m = self.adam_m + (1 - FIRST_DECAY) * (summed - self.adam_m)
+        self.adam_v = self.adam_v + (1 - SECOND_DECAY) * (summed**2 - self.adam_v)
+        unbiased_m = self.adam_m / (1 - portable.power(FIRST_DECAY, self.age))
+        unbiased_v = self.adam_v / (1 - portable.power(SECOND_DECAY, self.age))
         step = COLOR_RATE * rate * unbiased_m / (np.sqrt(unbiased_v) + 1e-12)
         self.color = np.clip(self.color - step, *self.bounds)
         self.assign(state, self.entry)
@@ -113,8 +109,8 @@ class SharedColors:
 
         Only entries with the same exponent as the shape are considered.
         """
-        entries = np.hstack([self.color, _FIXED_FACTOR * self.fixed])
-        targets = np.hstack([color, _FIXED_FACTOR * _fixed_values(state)])
+        entries = np.column_stack([self.color, _FIXED_FACTOR * self.beta])
+        targets = np.column_stack([color, _FIXED_FACTOR * state.raw_beta])
         distance, entry = nearest_entry(entries, targets)
         return np.where(distance < _FIXED_FACTOR * 0.1, entry, self.entry)
 
@@ -135,19 +131,11 @@ def best_colors(
     return state.color - np.where(mass[:, None] > LEAST_MASS, change, 0.0)
 
 
-def _fixed_values(state: State) -> NDArray[np.float64]:
-    """Return the raw values (n, m) of the shared parameters other than the colour."""
-    raw = [raw.name for parameter, raw in STEPPED if parameter.shared and raw.name != "color"]
-    return np.column_stack([getattr(state, name) for name in raw])
-
-
 # Width in px of the rim of a shape in a fit to inks: the distance along the minor axis over which
 # the falloff drops from 0.9 to 0.1. The exponent of a shape is computed from this width. The width
 # cannot be seen, because such shapes are drawn without a falloff. But it decides how large the
 # steps of a shape are, because they depend on the exponent.
 _RIM_PX = 0.7
-_MOST_BETA = 128.0
-_NEIGHBOURS = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]
 # Approximate number of pixels in a band of rows. Pictures are handled band by band, because the
 # work takes 300 bytes of memory per pixel (docs/decisions/memory.md).
 _BAND_PIXELS = 32_768
@@ -181,33 +169,26 @@ class InkColors:
         picture = pixels.copy()
         around = np.pad(self._entries(pixels[:, :, :3]), 1, mode="edge")
         for rows in _bands(*pixels.shape[:2]):
-            beside = around[rows.start : rows.stop + 2]
-            picture[rows, :, :3] = self._between(pixels[rows, :, :3].astype(np.float64), beside)
+            color, beside = (
+                pixels[rows, :, :3].astype(np.float64),
+                around[rows.start : rows.stop + 2],
+            )
+            height, width = color.shape[:2]
+            entry = beside[1:-1, 1:-1]
+            own = self.color[entry]
+            nearest, least = own.copy(), np.square(own - color).sum(axis=2)
+            for down, right in itertools.product(range(3), range(3)):
+                other = beside[down : down + height, right : right + width]
+                y, x = np.nonzero(other != entry)
+                step = self.color[other[y, x]] - own[y, x]
+                along = ((color[y, x] - own[y, x]) * step).sum(axis=1) / np.square(step).sum(axis=1)
+                between = own[y, x] + np.clip(along, 0, 1)[:, None] * step
+                square = np.square(between - color[y, x]).sum(axis=1)
+                closer = square < least[y, x]
+                y, x = y[closer], x[closer]
+                nearest[y, x], least[y, x] = between[closer], square[closer]
+            picture[rows, :, :3] = nearest
         return picture
-
-    def _between(
-        self, color: NDArray[np.float64], around: NDArray[np.uint8]
-    ) -> NDArray[np.float64]:
-        """Do the work of `inked` on a band of rows, and return the new colours (h, w, 3).
-
-        color   (h, w, 3) colours of the pixels of the band
-        around  (h + 2, w + 2) indices of the nearest inks, with a margin of one pixel on each side
-        """
-        height, width = color.shape[:2]
-        entry = around[1:-1, 1:-1]
-        own = self.color[entry]
-        nearest, least = own.copy(), np.square(own - color).sum(axis=2)
-        for down, right in _NEIGHBOURS:
-            beside = around[1 + down : 1 + down + height, 1 + right : 1 + right + width]
-            y, x = np.nonzero(beside != entry)
-            step = self.color[beside[y, x]] - own[y, x]
-            along = ((color[y, x] - own[y, x]) * step).sum(axis=1) / np.square(step).sum(axis=1)
-            between = own[y, x] + np.clip(along, 0, 1)[:, None] * step
-            square = np.square(between - color[y, x]).sum(axis=1)
-            closer = square < least[y, x]
-            y, x = y[closer], x[closer]
-            nearest[y, x], least[y, x] = between[closer], square[closer]
-        return nearest
 
     def _entries(self, color: NDArray[np.floating]) -> NDArray[np.uint8]:
         """Return for each colour (h, w, 3) the index (h, w) of the nearest ink."""
@@ -234,32 +215,21 @@ class InkColors:
         r is closer to p than q is, the length is 0.
         """
         picture = np.empty_like(target.planar)
+        views = len(picture) // 3
         for rows in _bands(target.height, target.width):
-            planar = target.planar[:, rows]
-            picture[:, rows] = planar - self._reducible_error(planar, rendered[:, rows])
+            planar, shown = target.planar[:, rows], rendered[:, rows]
+            least = np.full(planar.shape[1:], np.inf, np.float32)
+            toward = np.zeros_like(planar)
+            for ink in np.tile(self.color, views).astype(planar.dtype):
+                square = np.square(planar - ink[:, None, None]).sum(axis=0)
+                closer = square < least
+                np.copyto(least, square, where=closer)
+                np.copyto(toward, ink[:, None, None] - shown, where=closer)
+            excess = np.square(planar - shown).sum(axis=0) - least
+            length = np.sqrt(np.square(toward).sum(axis=0))
+            reducible = toward * (np.sqrt(np.maximum(excess, 0)) / np.maximum(length, 1e-6))
+            picture[:, rows] = planar - reducible
         return picture
-
-    def _reducible_error(
-        self, planar: NDArray[np.floating], rendered: NDArray[np.floating]
-    ) -> NDArray[np.floating]:
-        """Return `planar` minus the picture that `reducible` returns, for some rows of both.
-
-        planar    these rows of target.planar: (3, h, w), or (6, h, w) if the target has alpha
-        rendered  the same rows of the render
-
-        The result has the shape of `planar`.
-        """
-        views = len(planar) // 3
-        least = np.full(planar.shape[1:], np.inf, np.float32)
-        toward = np.zeros_like(planar)
-        for ink in np.tile(self.color, views).astype(planar.dtype):
-            square = np.square(planar - ink[:, None, None]).sum(axis=0)
-            closer = square < least
-            np.copyto(least, square, where=closer)
-            np.copyto(toward, ink[:, None, None] - rendered, where=closer)
-        excess = np.square(planar - rendered).sum(axis=0) - least
-        length = np.sqrt(np.square(toward).sum(axis=0))
-        return toward * (np.sqrt(np.maximum(excess, 0)) / np.maximum(length, 1e-6))
 
     def current(self, state: State) -> NDArray[Any]:
         """Return the ink (n, 3) of each shape of the state."""
@@ -278,7 +248,7 @@ class InkColors:
         l11, l21, l22 = factor.T
         axis_sum, axis_difference = portable.hypot(l11 + l22, l21), portable.hypot(l11 - l22, l21)
         minor = np.maximum(0.5 * (axis_sum - axis_difference), 1e-9)
-        return portable.log(np.clip(RIM_WIDTH / _RIM_PX * minor, LEAST_PLAIN_BETA, _MOST_BETA))
+        return portable.log(np.clip(RIM_WIDTH / _RIM_PX * minor, LEAST_PLAIN_BETA, 128.0))
 
 
 def _bands(height: int, width: int) -> Iterator[slice]:
@@ -291,9 +261,6 @@ def _bands(height: int, width: int) -> Iterator[slice]:
 # Constants of solved_colors (docs/decisions/small.md). A sweep solves for one colour after another.
 BOUNDED_SWEEPS = 20  # number of sweeps that clip colours to 0..1 but do not round them
 ROUNDED_SWEEPS = 3  # number of further sweeps, which both clip and round the colours
-# DAMPING (d + m) is added to each element d of the diagonal, where m is the largest of these
-# elements. So the equations can be solved even if some shapes are nearly hidden.
-DAMPING = 1e-6
 
 
 _sweep_colors = Kernel("sweep_colors", "int float64 float64 float64 int64 float float64")
@@ -313,7 +280,8 @@ def solved_colors(
     if not len(sums):
         return np.zeros((0, 3))
     diagonal = np.maximum(np.diag(products), 1e-9)
-    damped = products + DAMPING * np.diag(diagonal + diagonal.max())
+    # The equations can thus be solved even if some shapes are nearly hidden.
+    damped = products + 1e-6 * np.diag(diagonal + diagonal.max())
     color = portable.solve(damped, sums)
     bounded = 0 if (color >= 0).all() and (color <= 1).all() else BOUNDED_SWEEPS
     color = np.minimum(np.maximum(color, 0), 1)

@@ -6,7 +6,6 @@ third of a second (docs/decisions/start.md).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.core import Kernel
-from gauss2svg.fit import FitOptions
 from gauss2svg.fit.target import Target
 from gauss2svg.without_scipy import smoothed
 
@@ -55,21 +53,6 @@ class NewGaussians(NamedTuple):
     factor: NDArray[np.float64]
     color: NDArray[np.float64]
 
-    def filled_up(self, others: Callable[[int], NewGaussians], count: int) -> NewGaussians:
-        """Return these Gaussians, filled up to `count` Gaussians.
-
-        others(number) is called for the number of Gaussians that are missing, and returns them.
-        """
-        if len(self.mean) == count:
-            return self
-        rest = others(count - len(self.mean))
-        return NewGaussians(*map(np.concatenate, zip(self, rest, strict=True)))
-
-
-def first_raw_betas(count: int, options: FitOptions) -> NDArray[np.float64]:
-    """Return ln beta (count,) of new Gaussians in a fit with these options."""
-    return np.full(count, FIRST_RAW_BETA if options.learned_falloff else 0.0)
-
 
 def place(
     placement: str,
@@ -92,11 +75,13 @@ def place(
     """
     spacing = float(np.sqrt(target.width * target.height / (max(total, 1) * np.pi)))
     placer = _Placer(target, rendered, spacing, rng, additive)
-    if placement == "selective":
-        return placer.by_component(count)
-    if placement == "live":
-        return placer.as_in_live(count)
-    return placer.by_error(count) if placement == "error" else placer.at_random(count)
+    first = {"selective": placer.by_component, "live": placer.as_in_live}.get(placement)
+    others = placer.by_error if placement in ("selective", "error") else placer.at_random
+    parts = [first(count)] if first else []
+    # There may be fewer components than new Gaussians.
+    if missing := count - sum(len(part.mean) for part in parts):
+        parts.append(others(missing))
+    return NewGaussians(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 class _Placer:
@@ -153,18 +138,15 @@ class _Placer:
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
     def by_component(self, count: int) -> NewGaussians:
-        """Return `count` Gaussians, one on each of the largest components of the residual.
+        """Return up to `count` Gaussians, one on each of the largest components of the residual.
 
-        `_components` finds the components as in LIVE. If it finds fewer than `count`, `by_error`
-        places the other Gaussians. Each Gaussian gets the mean colour of its component. At first
-        the Gaussian is round, and as wide as a disc with the area A of the component: its sigma is
-        sqrt(A / pi) / 2, which is the standard deviation of the points of this disc along any axis.
-        Then the Gaussian is stretched. Its direction and the ratio of its axes follow from the
-        second moments of the component.
+        `_components` finds the components as in LIVE. Each Gaussian gets the mean colour of its
+        component. At first the Gaussian is round, and as wide as a disc with the area A of the
+        component: its sigma is sqrt(A / pi) / 2, which is the standard deviation of the points of
+        this disc along any axis. Then the Gaussian is stretched. Its direction and the ratio of its
+        axes follow from the second moments of the component.
         """
         parts = self._components(count)
-        if parts is None:
-            return self.by_error(count)
         sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_NEW_SIGMA)
         xx, xy, yy = parts.moments()
         spread = portable.hypot(xx - yy, 2 * xy)
@@ -172,32 +154,26 @@ class _Placer:
         stretch = np.sqrt(np.minimum(aspect, MOST_FIRST_ASPECT))
         angle_rad = 0.5 * portable.arctan2(2 * xy, xx - yy)
         minor = np.maximum(sigma / stretch, LEAST_MINOR)
-        gaussians = NewGaussians(
+        return NewGaussians(
             mean=parts.center() + 0.5,
             factor=_oriented(sigma * stretch, minor, angle_rad),
             color=np.stack([parts.means(c[parts.y, parts.x]) for c in self._color], axis=1),
         )
-        return gaussians.filled_up(self.by_error, count)
 
     def as_in_live(self, count: int) -> NewGaussians:
-        """Return `count` Gaussians, one on each of the largest components, as in the paper.
+        """Return up to `count` Gaussians, one on each of the largest components, as in the paper.
 
         On a component of area A px^2, a Gaussian has sigma = sqrt(A / 7) px, rho = 0, and the
-        colour at the centre of mass. If there are fewer components than `count`, `at_random` places
-        the other Gaussians.
+        colour at the centre of mass.
         """
         parts = self._components(count)
-        if parts is None:
-            return self.at_random(count)
         # In the paper, sigma is sqrt(A / (r s^2)) with r = 0.07, in units of s / 10 px. Times
         # s / 10, this is sqrt(A / (r 10^2)) px, so s cancels.
         sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_NEW_SIGMA)
         center = parts.center()
         x, y = np.round(center).astype(np.intp).T
         factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
-        return NewGaussians(center + 0.5, factor, self._color_at(x, y)).filled_up(
-            self.at_random, count
-        )
+        return NewGaussians(center + 0.5, factor, self._color_at(x, y))
 
     def at_random(self, count: int) -> NewGaussians:
         """Return Gaussians on random visible pixels.
@@ -220,18 +196,15 @@ class _Placer:
     def _color_at(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float64]:
         return self._color[:, y, x].T.astype(np.float64)
 
-    def _components(self, count: int) -> _Components | None:
+    def _components(self, count: int) -> _Components:
         """Return the `count` largest components, or fewer if there are not so many.
 
         The absolute residual of each pixel is summed over the channels. Pixels with small sums
         belong to no component. The sums of the other pixels are sorted into bins of equal width
         between 0 and the largest sum. A component is a connected set of pixels of the same bin.
-        Return None if the residual is 0 everywhere.
         """
         difference = np.abs(self._residual).sum(axis=0)
-        largest = float(difference.max())
-        if largest <= 0:
-            return None
+        largest = float(difference.max()) or 1.0
         bins = np.ceil(difference / largest * BINS).astype(np.int32)
         bins[difference < REJECTED_SHARE * largest] = 0
         components = components_of(bins).ravel()

@@ -18,14 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.fit import FitConfig, FitOptions, adam
-from gauss2svg.fit.adam import OPAQUE_LOGIT, blending_of
+from gauss2svg.fit import DEFAULT_LOSS, FitConfig, FitOptions
 from gauss2svg.fit.colors import InkColors, SharedColors, best_colors
-from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
+from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
 from gauss2svg.fit.schedule import reduction, refinement_reduction, totals
-from gauss2svg.fit.state import State
-from gauss2svg.fit.target import LossAndGradient, Target, TargetPyramid, psnr_of
-from gauss2svg.photo.pixels import has_alpha
+from gauss2svg.fit.state import (
+    COLOR,
+    COLUMNS,
+    LEAST_FITTED_SIGMA,
+    OPAQUE_LOGIT,
+    State,
+    columns_of,
+    step,
+)
+from gauss2svg.fit.target import LossAndGradient, Target, joined
+from gauss2svg.photo.pixels import has_alpha, psnr_of
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, PLAIN, SOFT, Scene
 from gauss2svg.scene.inks import ink_colors, inks_of
@@ -34,6 +41,10 @@ from gauss2svg.scene.scene import LEAST_RAW_BETA
 # Least opacity of a shape in a finished fit. Renderers that composite in 8 bits omit fainter shapes
 # or draw them with errors of 10 to 60 % (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
+# Least semi-axis in px above areas, in place of LEAST_FITTED_SIGMA. Smaller shapes draw what the
+# outlines miss of single pixels, which makes an enlarged drawing worse (docs/decisions/areas.md).
+LEAST_SIGMA_ABOVE_AREAS = 0.8
+INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new shape (docs/decisions/fit.md)
 RELOCATED = 0.08  # share of the Gaussians that a relocation moves (docs/decisions/fit.md)
 # A fit raises the exponent beta of a shape only if this lowers the loss enough: a unit of ln beta
 # must lower it by at least BETA_PRICE times the loss of the picture divided by the number of
@@ -58,34 +69,32 @@ Backup = tuple[State, SharedColors | None]
 class Population:
     """The Gaussians of a fit, in px of the current target, with the methods that change them.
 
-    pixels   (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
-    targets  TargetPyramid of these pixels. If it is None, one is built
+    photo    target of the photo at full size
     shared   the colours that shapes share during the last steps. Before these steps it is None
     """
 
-    def __init__(
-        self,
-        pixels: NDArray[np.float32],
-        config: FitConfig,
-        targets: TargetPyramid | None = None,
-    ) -> None:
+    def __init__(self, photo: Target, config: FitConfig) -> None:
         self.config = config
-        self.blending = blending_of(config.fit, config.opaque)
+        columns = columns_of(config.fit, config.opaque)
+        self._color_bounds = columns[COLOR][0, 1:]
+        # Without a rate, the opacity keeps its first value.
+        has_rate = columns[COLUMNS["opacity"], 0].all()
+        self._first_raw_opacity = INITIAL_OPACITY_LOGIT if has_rate else OPAQUE_LOGIT
+        self._first_raw_beta = FIRST_RAW_BETA if config.fit.learned_falloff else 0.0
         self.state = State.of(np.zeros((0, 2)), np.zeros((0, 3)), 0)
         self.shared: SharedColors | None = None
         self.round_index = 0
         self.rng = np.random.default_rng(config.fit.seed)
-        self._photo = self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
+        self._photo = self._whole = photo
+        pixels = photo.pixels
         self.inks: InkColors | None = None
         if config.fit.inks is not None:
             inks: Any = config.fit.inks  # already checked by check_inks
             self.inks = InkColors(ink_colors(inks_of(pixels, inks)))
-            focus = self._photo.focus
-            self._pyramid = TargetPyramid(
-                pixels, config.fit.tuned, transform=self.inks.inked, focus=focus
-            )
+            tune, transform = config.fit.tuned, self.inks.inked
+            self._whole = Target(pixels, tune, transform=transform, mask=photo.mask)
         self.reduction = 1
-        self.target = self._pyramid.reduced(1)
+        self.target = self._whole
         # The background is rounded to 8 bits, because it is rounded in the file too. So the fit can
         # make up for the rounding error.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
@@ -96,10 +105,10 @@ class Population:
         elif self.inks is not None:
             self.background = self.inks.background(self.target)
         self._ground = self._photo.ground
-        self._least_sigma = adam.LEAST_FITTED_SIGMA
+        self._least_sigma = LEAST_FITTED_SIGMA
         if self._ground is not None:
             self.background = self._ground.background
-            self._least_sigma = adam.LEAST_SIGMA_ABOVE_AREAS
+            self._least_sigma = LEAST_SIGMA_ABOVE_AREAS
 
     def __len__(self) -> int:
         return len(self.state)
@@ -122,7 +131,7 @@ class Population:
         # below 1. So set the opacities to 1.
         if self.inks is not None:
             scene = scene.replace(opacity=np.ones(len(scene)))
-        height, width = self._pyramid.pixels.shape[:2]
+        width, height = self._whole.width, self._whole.height
         if (width, height) != size:
             scene = scene.scaled(width / size[0], height / size[1])
         if (ground := self._ground) is None:
@@ -135,10 +144,11 @@ class Population:
 
         It is measured at the full size of the photo, even if the current target is smaller.
         """
-        photo = self._photo.reduced(1)
+        photo = self._photo
         factors = photo.width / self.target.width, photo.height / self.target.height
         state = self._with_crisp_rims(self.state.scaled(*factors))
-        return psnr_of(photo.error(state.splats(self.background, self.config.fit.blend)))
+        splats = state.splats(self.background, self.config.fit.blend)
+        return psnr_of(photo.error_of(photo.rendered(splats)))
 
     def error_of(self, evaluated: LossAndGradient) -> float:
         """Return the mean squared error between the photo and the renders in `evaluated`.
@@ -148,7 +158,7 @@ class Population:
         """
         if self.inks is None:
             return evaluated.error
-        return self._photo.reduced(self.reduction).error_of(evaluated.rendered)
+        return self._photo.reduced(self.reduction).error_of(joined(evaluated.rendered))
 
     def evaluate(self, splats: Splats) -> LossAndGradient:
         """Return the loss of the Gaussians and its gradient."""
@@ -170,10 +180,11 @@ class Population:
         """
         price = BETA_PRICE * (evaluated.loss / max(len(self), 1))
         most_sigma = float(max(self.target.width, self.target.height))
-        blending = self.blending if self.shared is None else self.blending.sharing
+        shares = self.shared is not None
+        columns = columns_of(self.config.fit, self.config.opaque, shares)
         moments = evaluated.moments
-        finite = adam.step(
-            self.state, moments, splats, blending, most_sigma, price, rate, self._least_sigma
+        finite = step(
+            self.state, moments, splats, columns, most_sigma, price, rate, self._least_sigma
         )
         if finite and self.shared is not None:
             self.shared.step(self.state, moments, rate)
@@ -192,7 +203,7 @@ class Population:
         if factor == self.reduction:
             return
         area = (self.reduction / factor) ** 2 if scale_moments else 1.0
-        before, self.target = self.target, self._pyramid.reduced(factor)
+        before, self.target = self.target, self._whole.reduced(factor)
         self.reduction = factor
         factors = self.target.width / before.width, self.target.height / before.height
         self.state = state = self._with_crisp_rims(self.state.scaled(*factors))
@@ -203,8 +214,7 @@ class Population:
 
         total: number of Gaussians at the end of the round.
         """
-        height, width = self._pyramid.pixels.shape[:2]
-        return reduction(total, width, height) if self.config.reduce else 1
+        return reduction(total, self._whole.width, self._whole.height) if self.config.reduce else 1
 
     def reduction_at(self, done: float) -> int:
         """Return the factor by which the target is reduced in refinement, at progress `done`.
@@ -215,8 +225,7 @@ class Population:
         """
         if not (self.config.reduce and self.config.gaussians):
             return 1
-        height, width = self._pyramid.pixels.shape[:2]
-        return refinement_reduction(done, len(self), width, height)
+        return refinement_reduction(done, len(self), self._whole.width, self._whole.height)
 
     def adopt(self, scene: Scene) -> None:
         """Convert an additive scene to alpha-composited Gaussians, with which the fit begins."""
@@ -231,7 +240,7 @@ class Population:
         """
         from skimage.registration import optical_flow_ilk  # slow to import, seldom needed
 
-        target, small = self.target, self._pyramid.reduced(FLOW_REDUCTION)
+        target, small = self.target, self._whole.reduced(FLOW_REDUCTION)
         if self.inks is None and not (scene.transparent or target.is_transparent):
             self.background = np.round(scene.background * 255) / 255
         self.round_index = int(scene.round_index.max(initial=0))
@@ -248,7 +257,8 @@ class Population:
         moved = dataclasses.replace(state, mean=state.mean + flow[::-1, y, x].T)
         factors = target.width / size[0], target.height / size[1]
         states = [self._inked(one.scaled(*factors)) for one in (state, moved)]
-        self.state = min(states, key=lambda one: target.error(one.splats(self.background)))
+        errors = [target.error_of(target.rendered(s.splats(self.background))) for s in states]
+        self.state = states[int(np.argmin(errors))]
 
     def densify_or_prune(self, count: int) -> None:
         """Change the number of Gaussians to `count`.
@@ -262,7 +272,7 @@ class Population:
             keep = np.argsort(cost[:, 0], kind="stable")[surplus:]
             self.state = self.state.select(np.sort(keep))
             if self.shared is not None:
-                self.shared = SharedColors.of(self.state, self.blending)
+                self.shared = SharedColors.of(self.state, self._color_bounds)
         elif surplus < 0:
             self._add(self.rendered(), -surplus, count)
 
@@ -326,7 +336,7 @@ class Population:
         )  # those of the ground are first
         self.state = self._with_crisp_rims(self.state.quantized(written))
         if self.inks is None:
-            self.shared = SharedColors.of(self.state, self.blending)
+            self.shared = SharedColors.of(self.state, self._color_bounds)
 
     def soften(self) -> None:
         """Undo the limits that `quantize` has set, so that the fit can be continued.
@@ -347,14 +357,16 @@ class Population:
         if choices is None or not len(self):
             return
         current = choices.current(self.state)
-        before, moments = self.target.squares(self.splats())
-        mass = self.target.removal_cost(self.splats())[1][:, 1]
-        best = choices.nearest(best_colors(self.state, moments, mass), self.state)
+        splats = self.splats()
+        rendered, cost = self.target.removal_cost(splats)
+        before = self.target.weighted_squares(rendered)
+        moments = self.target.evaluate(splats, DEFAULT_LOSS, None).moments
+        best = choices.nearest(best_colors(self.state, moments, cost[:, 1]), self.state)
         changes = self.rng.random(len(current)) < 0.5
         half = np.where(changes if current.ndim == 1 else changes[:, None], best, current)
         for choice in (best, half):
             choices.assign(self.state, choice)
-            if self.target.squares(self.splats())[0] < before:
+            if self.target.weighted_squares(self.rendered()) < before:
                 return
         choices.assign(self.state, current)
 
@@ -381,13 +393,13 @@ class Population:
         new = place(
             self.config.densify.init, self.target, rendered, count, total, self.rng, additive
         )
-        opacity = self.target.opacity_logits(new.mean, self.blending.initial_opacity_logit)
+        opacity = self.target.opacity_logits(new.mean, self._first_raw_opacity)
         color = new.color
         if additive:
             color = color / self._overlap(new)[:, None]
         added = State.of(
             new.mean, new.factor, self.round_index,
-            raw_opacity=opacity, color=color, raw_beta=first_raw_betas(count, self.config.fit),
+            raw_opacity=opacity, color=color, raw_beta=self._first_raw_beta,
         )  # fmt: skip
         self.state = self.state.append(self._inked(added))
 
@@ -426,9 +438,9 @@ def composited(scene: Scene, target: Target, options: FitOptions) -> State:
         mean,
         factor,
         0,
-        raw_opacity=target.opacity_logits(mean, adam.INITIAL_OPACITY_LOGIT),
+        raw_opacity=target.opacity_logits(mean, INITIAL_OPACITY_LOGIT),
         color=target.source_color[:, y, x].T.astype(np.float64),
-        raw_beta=first_raw_betas(count, options),
+        raw_beta=FIRST_RAW_BETA if options.learned_falloff else 0.0,
     )
     rounds = totals("exponential", count, None)[:-1]
     state.round_index = np.searchsorted(rounds, np.arange(count), side="right").astype(np.int32)

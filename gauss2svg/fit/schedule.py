@@ -6,12 +6,11 @@ larger of the two values counts.
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-
-LARGEST_REDUCTION = 8  # largest factor by which a target's width and height are divided in growth
 
 # Constants of a fit's schedule (docs/decisions/fit.md).
 # Number of rounds of growth. Any number from 4 to 20 gives the same PSNR to within 0.1 dB.
@@ -25,8 +24,6 @@ QUANTIZED_FROM = 0.85
 # A target is reduced only if the reduced target has at least this many pixels per Gaussian. Reduced
 # targets save a fifth of the pixel-Gaussian pairs without a loss of PSNR.
 PIXELS_PER_GAUSSIAN = 36
-# Growth reduces a target only if the shorter side of the reduced target has at least this many px.
-SMALLEST_SIDE = 32
 # The constants from here to EXTENDED are for fits of few Gaussians, whose refinement begins on
 # reduced targets (docs/decisions/few.md).
 FULL_FROM = 0.55  # progress from which targets have their full size
@@ -65,23 +62,19 @@ def totals(
                 are at most ROUNDS rounds, and at most as many rounds as iterations
     """
     if per_round is not None:
-        return _totals_by_round(schedule, gaussians, per_round)
-    count = ROUNDS if iterations is None else min(ROUNDS, iterations)
-    if schedule == "exponential":
-        counts = [math.ceil(gaussians * 0.5 ** (count - 1 - r)) for r in range(count)]
-    elif schedule == "linear":
-        counts = [math.ceil(gaussians * (r + 1) / count) for r in range(count)]
-    else:
+        is_doubled = schedule == "exponential"
+        added = (min(2**i, per_round) if is_doubled else per_round for i in itertools.count())
+        counts = [*itertools.takewhile(gaussians.__gt__, itertools.accumulate(added)), gaussians]
+    elif schedule == "all-at-once":
         counts = [gaussians]
+    else:
+        count = ROUNDS if iterations is None else min(ROUNDS, iterations)
+        exact = (
+            gaussians * 0.5 ** (count - r) if schedule == "exponential" else gaussians * r / count
+            for r in range(1, count + 1)
+        )
+        counts = map(math.ceil, exact)
     return sorted(set(counts) - {0})
-
-
-def _totals_by_round(schedule: str, gaussians: int, per_round: int) -> list[int]:
-    counts, added = [], 1 if schedule == "exponential" else per_round
-    while (counts[-1] if counts else 0) < gaussians:
-        counts.append(min((counts[-1] if counts else 0) + min(added, per_round), gaussians))
-        added *= 2
-    return counts
 
 
 def reduction(gaussians: int, width: int, height: int) -> int:
@@ -89,14 +82,7 @@ def reduction(gaussians: int, width: int, height: int) -> int:
 
     gaussians: number of Gaussians at the end of the round.
     """
-    factor = 1
-    while (
-        factor < LARGEST_REDUCTION
-        and width * height / (4 * factor**2 * gaussians) >= PIXELS_PER_GAUSSIAN
-        and min(width, height) / (2 * factor) >= SMALLEST_SIDE
-    ):
-        factor *= 2
-    return factor
+    return _divisor(gaussians, width, height, largest=8, least_side=32)
 
 
 def refinement_reduction(done: float, gaussians: int, width: int, height: int) -> int:
@@ -104,16 +90,21 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
 
     done: progress in 0..1.
 
-    The number is 4 before HALF_FROM, 2 from HALF_FROM to FULL_FROM, and 1 from FULL_FROM on. A
-    smaller number is returned if the reduced target would have fewer than PIXELS_PER_GAUSSIAN
-    pixels per Gaussian, or a side below SMALLEST_REFINED_SIDE.
+    The number is at most 4 before HALF_FROM, 2 until FULL_FROM, and 1 from FULL_FROM on.
     """
+    largest = 4 if done < HALF_FROM else 2 if done < FULL_FROM else 1
+    return _divisor(gaussians, width, height, largest, SMALLEST_REFINED_SIDE)
+
+
+def _divisor(gaussians: int, width: int, height: int, largest: int, least_side: int) -> int:
+    """Return the largest divisor that leaves PIXELS_PER_GAUSSIAN and a side of least_side px."""
     factor = 1
-    for until in (FULL_FROM, HALF_FROM):
-        pixels = width * height / (4 * factor**2 * max(gaussians, 1))
-        fits = min(width, height) / (2 * factor) >= SMALLEST_REFINED_SIDE
-        if done < until and pixels >= PIXELS_PER_GAUSSIAN and fits:
-            factor *= 2
+    while (
+        factor < largest
+        and width * height / (4 * factor**2 * max(gaussians, 1)) >= PIXELS_PER_GAUSSIAN
+        and min(width, height) / (2 * factor) >= least_side
+    ):
+        factor *= 2
     return factor
 
 
@@ -259,10 +250,7 @@ class Clock:
             self._start + (until - self._start) * share / reduced
             if share < reduced
             else 1 - (1 - until) * (1 - share) / (1 - reduced)
-            for share, reduced in (
-                (by_steps, REDUCED_STEPS),
-                (by_time, REDUCED_TIME),
-            )
+            for share, reduced in ((by_steps, REDUCED_STEPS), (by_time, REDUCED_TIME))
         )
         self.out_of_time = seconds > steps
         return min(max(steps, seconds), 1.0)

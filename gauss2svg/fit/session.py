@@ -14,8 +14,8 @@ compared with losses after it. So `FitSession` restores the best state just befo
 and resets its guard just after it.
 
 The constants of this package come from ablations, which are in fit.md, placement.md, palette.md,
-divergence.md and numbers.md of docs/decisions. This file has over 500 lines, because a fit and all
-of its events are one class.
+divergence.md and numbers.md of docs/decisions. This file is long, because a fit and all of its
+events are one class.
 """
 
 from __future__ import annotations
@@ -29,25 +29,22 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import refusal
 from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
-from gauss2svg.fit.adam import NEGLIGIBLE, DivergenceGuard
-from gauss2svg.fit.population import AsWritten, Backup, Population
+from gauss2svg.fit.population import AsWritten, Population
 from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import SQUARED_LOSSES, TargetPyramid, psnr_of
+from gauss2svg.fit.target import SQUARED_LOSSES, Target
+from gauss2svg.photo.pixels import psnr_of
 from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import ADD, OVER, Scene
 
-# At this mean squared error (120 dB), even the worst pixel of a picture of a million pixels is off
-# by less than half a level of 255. Adam would still take full steps, which could make the fit
-# worse. So no step is taken.
-EXACT = 1e-12
 # Values of the progress at which shapes may exchange their colours. There is no later exchange,
 # because hardly any shape would still change its colour.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
@@ -77,9 +74,11 @@ STOP_REASONS = (
     "iterations", "gaussians", "gain", "enough", "cap", "start", "max_bytes", "time_limit",
     "interrupted",
 )  # fmt: skip
-# Progress in refinement at which a policy may change the number of Gaussians.
 LEAST_REFINED = 0.05  # dB. To quantise refined shapes again may cost nearly as much
+# Progress in refinement at which a policy may change the number of Gaussians.
 ADJUST_AT = (0.45, 0.55, 0.65)
+# Progress at which an action of a fit is due, and the action.
+_Event = tuple[float, Callable[[], None]]
 
 
 @dataclass
@@ -143,22 +142,132 @@ class DensificationPolicy:
         return now.count
 
 
-@dataclass(frozen=True)
-class Event:
-    """An action `do` that is due when the progress of a fit reaches `at`.
+# Conditions under which a fit has diverged (docs/decisions/divergence.md).
+# No step counts as diverged if the mean squared error is at most this value (50 dB).
+NEGLIGIBLE = 1e-5
+# A fit has diverged if its loss exceeds this multiple of the recent least loss. This is the least
+# loss since the latest of three events: a reset of the guard, a relocation, or a rollback.
+DIVERGED = 2.0
+# A fit has also diverged if its loss exceeds STALLED times the least loss, and if more than
+# STALLED_STEPS steps have passed since it had the least loss.
+STALLED = 1.5
+STALLED_STEPS = 25
+# A stage has diverged at its end if its last loss exceeds this multiple of its least loss.
+WORSE_AT_END = 1.2
+# Constants for the learning rate after a rollback (docs/decisions/divergence.md). A rollback lowers
+# the rate, and also the ceiling up to which the rate can grow again.
+CEILING_SHARE = 0.5  # new ceiling, as a share of the rate at which the fit diverged
+# This value replaces CEILING_SHARE if the fit diverges again less than AGAIN steps after a
+# rollback.
+CEILING_SHARE_AGAIN = 0.1
+AGAIN = 3
+# The rate after a rollback, as a share of the ceiling. From there the rate grows to the ceiling, so
+# one bad step among many good ones costs little.
+LOWERED = 0.5
+GROWTH = 1.1  # factor by which each step raises the rate, up to the ceiling
+# If a finished fit or a scene is refined, the rate begins at this share of the ceiling or below it.
+GENTLE = 0.25
 
-    If `needed` is True, the action is done even if the fit ends before its progress reaches `at`.
+
+class DivergenceGuard:
+    """A guard that keeps a fit's best state, and lowers the learning rate if the fit diverges.
+
+    learning_rate  FitOptions.learning_rate
+    rate           factor, at most 1, by which learning_rate is multiplied at present
+    rollbacks      number of rollbacks so far
+    best           copy of the state with the least loss since the last reset. It is None until a
+                   step after the reset has been accepted
+    least          loss of the state `best`
     """
 
-    at: float
-    do: Callable[[], None]
-    needed: bool = False
+    def __init__(self, learning_rate: float = 1.0) -> None:
+        # With this rate, steps are as large as with the default learning_rate.
+        self._default_rate = min(1 / learning_rate, 1.0)
+        self.rate = self._ceiling = 1.0
+        self.rollbacks = 0
+        self._steps_since_rollback = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the best state, because the problem has changed. Raise the ceiling of the rate.
+
+        The ceiling is divided by CEILING_SHARE. But it never rises above the rate that gives steps
+        of the same size as the default learning_rate gives.
+        """
+        self._ceiling = max(self._ceiling, min(self._ceiling / CEILING_SHARE, self._default_rate))
+        self.best: Any = None
+        self.least = self._recent_least = math.inf
+        self._steps_since_best = 0
+
+    def begin_gently(self) -> None:
+        """Lower the rate to at most GENTLE times its ceiling.
+
+        The drawing is nearly exact already, so full steps would spoil it. The next steps raise the
+        rate again.
+        """
+        self.rate = min(self.rate, GENTLE * self._ceiling)
+
+    def allow_rise(self) -> None:
+        """Forget the recent least loss, because a relocation may raise the loss for a while."""
+        self._recent_least = math.inf
+
+    def observe(self, loss: float, error: float, backup: Callable[[], Any]) -> bool:
+        """Take note of the loss and mean squared error of a step, and return whether it is sound.
+
+        A step is not sound if the fit has diverged. If the step is sound, raise the rate. If its
+        loss is also the least so far, keep the copy of the state that backup() returns.
+        """
+        if not math.isfinite(loss):
+            return False
+        self._steps_since_best += 1
+        self._steps_since_rollback += 1
+        stalled = loss > STALLED * self.least and self._steps_since_best > STALLED_STEPS
+        if error > NEGLIGIBLE and (loss > DIVERGED * self._recent_least or stalled):
+            return False
+        self._recent_least = min(self._recent_least, loss)
+        self.rate = min(self.rate * GROWTH, self._ceiling)
+        if loss < self.least:
+            self.best, self.least, self._steps_since_best = backup(), loss, 0
+        return True
+
+    def ends_worse(self, loss: float, tolerant: bool) -> bool:
+        """Return whether a stage that ends with this loss should return to its best state.
+
+        The stage should return to it if it has diverged, that is, if the loss is above WORSE_AT_END
+        times the least loss. If `tolerant` is False, it should return even if the loss is only a
+        little above the least loss.
+
+        If the stage has diverged, a rollback is counted, which lowers the rate. This is not done if
+        learning_rate is at most 1 and the fit has never been rolled back.
+        """
+        diverged = not loss <= WORSE_AT_END * self.least
+        if diverged and (self._default_rate < 1 or self.rollbacks > 0):
+            self.roll_back()
+        if tolerant:
+            return diverged
+        # If the stage ends in its best state, `loss` and `least` are sums of the same terms. But
+        # the terms may be added in different orders, so that the sums differ slightly. The factor
+        # allows for such rounding errors. If tiles were left out, `least` may also be off by 0.1 %.
+        return not loss <= self.least * (1 + 1e-6)
+
+    def roll_back(self) -> None:
+        """Count a rollback, and lower the rate and its ceiling."""
+        self.rollbacks += 1
+        again = self._steps_since_rollback < AGAIN
+        share = CEILING_SHARE_AGAIN if again and self.rollbacks > 1 else CEILING_SHARE
+        # Usually the new ceiling is `share` times the present rate. If the present rate is far
+        # above the default rate, this would still be too high. In this case the new ceiling is the
+        # geometric mean of the two rates, which is lower.
+        self._ceiling = min(self.rate * share, math.sqrt(self.rate * self._default_rate))
+        self._steps_since_rollback = 0
+        self.rate = self._ceiling * LOWERED
+        self._recent_least, self._steps_since_best = math.inf, 0
 
 
 class FitSession:
     """A fit of a picture. When it is finished, `resize` can change it and refine it again.
 
-    pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
+    target      target of the picture at full size, made with config.fit.tuned
     policy      policy that decides the number of Gaussians. If it is None, the number follows
                 config.totals
     deadline    function that returns the time in s of time.perf_counter() at which the fit must
@@ -169,34 +278,30 @@ class FitSession:
                 the change
     stop        function that is called before every step. If it returns True, the fit ends with its
                 present state
-    targets     TargetPyramid of these pixels, made with config.fit.tuned. If it is None, one is
-                built
     """
 
     def __init__(
         self,
-        pixels: NDArray[np.float32],
+        target: Target,
         config: FitConfig,
         policy: DensificationPolicy | None = None,
         deadline: Callable[[], float | None] = lambda: None,
         progress: Callable[[FitProgress], None] | None = None,
         as_written: AsWritten | None = None,
         stop: Callable[[], bool] = lambda: False,
-        targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
         self.policy = policy or DensificationPolicy(config)
-        steps = config.steps(pixels.shape[1], pixels.shape[0])
+        steps = config.steps(target.width, target.height)
         self.clock = Clock(
             steps, self.policy.rounds, deadline, config.densify.round_iterations, stop
         )
-        self.population = Population(pixels, config, targets)
-        self.guard: DivergenceGuard[Backup] = DivergenceGuard(config.fit.learning_rate)
+        self.population = Population(target, config)
+        self.guard = DivergenceGuard(config.fit.learning_rate)
         self.pixel_pairs = 0
         self.wall_s = self.cpu_s = 0.0
         self._progress, self._as_written = progress or (lambda _: None), as_written
         self._errors: deque[float] = deque(maxlen=STEPS_AVERAGED)
-        self._quantized = False  # whether _quantize has been done
 
     @property
     def state(self) -> State:
@@ -224,8 +329,8 @@ class FitSession:
                 self._grow()
             total = self.clock.iterations
             steps = None if total is None else total - self.clock.iteration
-            adjustments = [Event(at, self._adjust) for at in ADJUST_AT]
-            pruning = Event(schedule.DECAY_START, self._prune)
+            adjustments = [(at, self._adjust) for at in ADJUST_AT]
+            pruning = schedule.DECAY_START, self._prune
             self._refine(steps, schedule.GROWTH_SHARE, [*adjustments, pruning])
 
     def resize(self, count: int, iterations: int) -> None:
@@ -314,7 +419,7 @@ class FitSession:
             self._restore_best(tolerant=not clock.stopped)
 
     def _refine(
-        self, steps: int | None, start: float, events: Iterable[Event], gently: bool = False
+        self, steps: int | None, start: float, events: Iterable[_Event], gently: bool = False
     ) -> None:
         """Take steps from progress `start` to 1.
 
@@ -332,22 +437,23 @@ class FitSession:
             self.guard.begin_gently()
         population.shared, self._quantized = None, False
         sizes = (0.0, schedule.HALF_FROM, schedule.FULL_FROM, schedule.QUANTIZED_FROM)
-        remaining = [Event(at, self._change_size, needed=True) for at in sizes]
-        remaining += [*events, Event(schedule.QUANTIZED_FROM, self._quantize, needed=True)]
-        remaining += [Event(at, self._exchange) for at in _EXCHANGES]
+        remaining: list[_Event] = [(at, self._change_size) for at in sizes]
+        remaining += [*events, (schedule.QUANTIZED_FROM, self._quantize)]
+        remaining += [(at, self._exchange) for at in _EXCHANGES]
         self._done = start
         while (done := self.clock.refinement_progress()) < 1:
             self._done = done
-            due = [event for event in remaining if event.at <= done]
-            remaining = [event for event in remaining if event.at > done]
             # Two due events may have the same action. fromkeys leaves out duplicates, so that the
             # action is done only once.
-            for do in dict.fromkeys(event.do for event in due):
+            for do in dict.fromkeys(do for at, do in remaining if at <= done):
                 do()
+            remaining = [(at, do) for at, do in remaining if at > done]
             self._step(done)
         self._done = 1.0
-        for do in dict.fromkeys(event.do for event in remaining if event.needed):
-            do()
+        # These two are done even if the fit ends before their progress.
+        self._change_size()
+        if not self._quantized:
+            self._quantize()
         self._restore_best()
         population.prune_invisible()
         population.shared = None
@@ -411,10 +517,11 @@ class FitSession:
         population, best = self.population, self.guard.best
         if not len(population) or best is None:
             return
-        # Target.loss takes a third of the time of `evaluate`, because it computes no gradient. So
-        # it is used in the cases in which both give the same loss.
+        # Rendering takes a third of the time of `evaluate`, which computes a gradient too. So it is
+        # used in the cases in which both give the same loss.
         if self.config.fit.loss in SQUARED_LOSSES:
-            loss = population.target.loss(population.splats())
+            error = population.target.error_of(population.rendered())
+            loss = 0.5 * error * population.target.planar.size
         else:
             loss = population.evaluate(population.splats()).loss
         if self.guard.ends_worse(loss, tolerant):
@@ -437,7 +544,10 @@ class FitSession:
         is_sound = guard.observe(evaluated.loss, evaluated.error, population.backup)
         if is_sound:
             self._errors.append(population.error_of(evaluated))
-            if evaluated.error > EXACT:
+            # At an error of 1e-12 (120 dB), even the worst pixel of a picture of a million pixels
+            # is off by less than half a level of 255. Adam would still take full steps, which could
+            # make the fit worse. So no step is taken.
+            if evaluated.error > 1e-12:
                 size = self.config.fit.learning_rate * guard.rate * schedule.rate(done)
                 is_sound = population.step(splats, evaluated, size)
         if not is_sound:
@@ -480,7 +590,8 @@ def fit(
     that calls this function.
     """
     with kernel_lock:
-        session = FitSession(pixels, config or FitConfig(), progress=progress)
+        config = config or FitConfig()
+        session = FitSession(Target(pixels, config.fit.tuned), config, progress=progress)
         session.fit()
         return session.result()
 
@@ -507,7 +618,7 @@ def convert_additive(
         raise refusal("the scene", needed, f"blends {blends[0]!r} and {blends[1]!r}")
     with kernel_lock:
         photo = render(scene) if pixels is None else pixels
-        session = FitSession(photo, config, progress=progress)
+        session = FitSession(Target(photo, config.fit.tuned), config, progress=progress)
         session.adopt(scene, len(scene))
         session.fit()
         return session.result()

@@ -1,23 +1,51 @@
-"""The optimiser's state: raw parameters of Gaussians in px of the target, and Adam's moments."""
+"""The optimiser's state, and its Adam steps in each Gaussian's own frame.
+
+The state has raw parameters of Gaussians in px of the target, and Adam's moments.
+
+A step changes the mean and the shape in whitened coordinates z, where x = mean + L z and L is the
+Cholesky factor of the covariance:
+
+    mean <- mean + L t,    L <- cholesky of L exp(2 A) L^T,  A symmetric.
+
+A step of a given size thus changes large, small and thin Gaussians equally, relative to their own
+size. The kernels return the moments m of a quantity h, which gauss2svg/core/gaussians.h defines.
+The gradients follow from these moments:
+
+    dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
+    dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,
+    dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
+
+Steps change the logarithms of sizes, aspect ratios and exponents, and the logits of opacities. rho
+follows from L, and no step can make the covariance indefinite. The rim of a crisp shape is only
+about sigma / beta wide, so its steps of mean and shape are multiplied by beta^-0.35. Without this
+factor, fits of drawings with plain ellipses diverge (docs/decisions/divergence.md). Colours are
+clipped to 0..1, and a colour at a bound leaves it with the first step that points inward. Stepping
+the logits of colours would be no better, because the gradient of a logit vanishes at the bounds
+(docs/decisions/adam.md).
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.core import Kernel
+from gauss2svg.fit import FitOptions
 from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
-from gauss2svg.scene.scene import STEPPED
+from gauss2svg.scene.falloff import RIM_WIDTH
+from gauss2svg.scene.scene import PARAMETERS, STEPPED
 
 # Bound in px of |x| + |y| + l11 + |l21| + l22 of a Gaussian. A step that would exceed it is not
 # taken, so means and sizes stay in the domain of scenes.
 FARTHEST = 1e9
 # The first five columns of gradients and of Adam's moments are two shifts of the mean along the
-# whitened axes, and A11, A12 and A22 (gauss2svg.fit.adam). Each of these columns takes the learning
+# whitened axes, and A11, A12 and A22. Each of these columns takes the learning
 # rate of the parameter that is listed here for it. The columns of the parameters in STEPPED follow.
 GEOMETRY = ("mean", "mean", "sigma", "rho", "sigma")
 _ENDS = np.cumsum([len(GEOMETRY), *(p.width for p, _ in STEPPED)]).tolist()
@@ -61,26 +89,26 @@ class State:
         mean: NDArray[np.float64],
         factor: NDArray[np.float64],
         round_index: int,
-        **raw: NDArray[np.float64],
+        **raw: NDArray[np.float64] | float,
     ) -> State:
         """Return new Gaussians of one round, whose Adam moments are 0.
 
-        raw: arrays of raw parameters, by the names of the fields of State. A parameter that is not
-        passed starts at its value Raw.first.
+        raw: raw parameters, by the names of the fields of State. They are arrays, or one number for
+        all shapes. A parameter that is not passed is 0.
         """
         count = len(mean)
-        for parameter, raw_form in STEPPED:
-            raw.setdefault(raw_form.name, np.full(parameter.shape(count), raw_form.first))
-        moments = np.zeros((count, COLUMN_COUNT))
         # The arrays are copied to C order, because the kernels are compiled for it.
         return cls(
             mean=np.array(mean, order="C"),
             factor=np.array(factor, order="C"),
-            **{name: np.array(values, order="C") for name, values in raw.items()},
+            **{
+                form.name: np.full(parameter.shape(count), raw.get(form.name, 0.0))
+                for parameter, form in STEPPED
+            },
             round_index=np.full(count, round_index, np.int32),
             drawn=np.full(count, SOFT, np.int8),
-            adam_m=moments,
-            adam_v=moments.copy(),
+            adam_m=np.zeros((count, COLUMN_COUNT)),
+            adam_v=np.zeros((count, COLUMN_COUNT)),
             age=np.zeros(count),
         )
 
@@ -202,3 +230,101 @@ def _activate(
     rho = np.clip(l21 / sy, -RHO_LIMIT, RHO_LIMIT)
     whitening = np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=1)
     return np.stack([l11, sy], axis=1), rho, whitening
+
+
+FIRST_DECAY = 0.9  # decay of Adam's first moment (docs/decisions/adam.md)
+SECOND_DECAY = 0.95  # decay of Adam's second moment (docs/decisions/adam.md)
+# Steps of mean and shape are multiplied by beta to this power. So crisp shapes take smaller steps,
+# as their narrow rims need (docs/decisions/divergence.md).
+STEP_BY_BETA = -0.35
+# Largest ratio of the major axis to the minor axis. Thinner Gaussians leave visible streaks in flat
+# areas (docs/decisions/fit.md).
+MOST_ASPECT = 30.0
+# Least width of a rim in px of the working image: the distance along the minor axis over which the
+# falloff drops from 0.9 to 0.1. Renderers differ in how they draw sharper rims
+# (docs/decisions/fit.md).
+LEAST_RIM = 0.5
+
+# Least semi-axis in px. Every renderer draws shapes below 0.3 px too faintly
+# (docs/decisions/renderers.md).
+LEAST_FITTED_SIGMA = 0.35
+# Logit of the opacity of opaque and of additive Gaussians. Adam does not step this logit. The
+# opacity that it stands for is nearly 1.
+OPAQUE_LOGIT = 12.0
+# The values of the next two constants were chosen by measurements (docs/decisions/fit.md).
+SIGNED_COLOR_RATE = 0.025  # learning rate of signed colours
+MOST_SIGNED_COLOR = 0.5  # largest absolute value of a channel of a signed colour in the fit
+
+
+def columns_of(
+    options: FitOptions, opaque: bool = False, shares: bool = False
+) -> NDArray[np.float64]:
+    """Return the learning rate and the bounds (COLUMN_COUNT, 3) of each column of Adam's arrays.
+
+    opaque  whether all shapes are opaque from the first step to the last
+    shares  whether several shapes share a colour and an exponent. SharedColors then steps the
+            colours, and the exponents stay fixed
+
+    The rates of mean and sigma are relative to the Gaussian's own sigma. The rate of opacity refers
+    to its logit, and the rate of color to channels in 0..1. Adam does not step a parameter whose
+    rate is 0. The bounds are the least and the largest value. Those of signed colours are narrow,
+    because renderers of the file keep partial sums of these colours in 8 bits, and large sums would
+    not fit.
+    """
+    columns = np.tile([0.0, -math.inf, math.inf], (COLUMN_COUNT, 1))
+    rates = {parameter.name: parameter.rate for parameter in PARAMETERS}
+    columns[: len(GEOMETRY), 0] = [rates[name] for name in GEOMETRY]
+    for parameter, raw in STEPPED:
+        columns[COLUMNS[parameter.name]] = parameter.rate, raw.least, raw.most
+    if options.blend == ADD:
+        columns[COLOR] = SIGNED_COLOR_RATE, -MOST_SIGNED_COLOR, MOST_SIGNED_COLOR
+    is_inked = options.inks is not None
+    is_fixed = {
+        "opacity": opaque or is_inked or options.blend == ADD,
+        "color": shares or is_inked,
+        "beta": shares or not options.learned_falloff,
+    }
+    for name, fixed in is_fixed.items():
+        if fixed:
+            columns[COLUMNS[name], 0] = 0.0
+    return columns
+
+
+_step_gaussians = Kernel(
+    "step_gaussians",
+    "int float64 float64 float64 float64 float64 float64 float64 float64 float64 float64 float64"
+    " float64 float64 float float64 float float float float",
+)
+
+
+def step(
+    state: State,
+    moments: NDArray[np.float64],
+    splats: Splats,
+    columns: NDArray[np.float64],
+    most_sigma: float,
+    price: float = 0.0,
+    rate: float = 1.0,
+    least_sigma: float = LEAST_FITTED_SIGMA,
+) -> bool:
+    """Take an Adam step with every Gaussian of the state, in place.
+
+    Return whether the step of every Gaussian was finite. A Gaussian whose step would not be finite
+    stays as it is, but Adam's moments and its age become 0.
+
+    moments     (n, MOMENTS) from gauss2svg.render.cpu, of the state's Gaussians
+    splats      the state as the kernels read it
+    columns     from `columns_of`
+    most_sigma  largest major axis in px of the working image
+    price       a step raises ln beta only if this lowers the loss by more than this amount for each
+                unit of ln beta
+    rate        factor by which all learning rates are multiplied
+    least_sigma  least semi-axis in px of the working image
+    """
+    return bool(_step_gaussians(
+        len(state.age), moments, splats.opacity_color, splats.shape, state.mean, state.factor,
+        state.raw_opacity, state.color, state.raw_beta, state.adam_m, state.adam_v, state.age,
+        columns, np.array([FIRST_DECAY, SECOND_DECAY]), STEP_BY_BETA,
+        np.array([least_sigma, most_sigma, MOST_ASPECT]), RIM_WIDTH / LEAST_RIM, FARTHEST, price,
+        rate,
+    ))  # fmt: skip

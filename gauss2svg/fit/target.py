@@ -17,7 +17,6 @@ then means that are weighted by the mask.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import cached_property, reduce
 from operator import add
@@ -28,14 +27,7 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.errors import refusal
-from gauss2svg.fit import (
-    DEFAULT_LOSS,
-    PERCEPTUAL,
-    PSNR,
-    LossFunction,
-    LossName,
-    has_ssim,
-)
+from gauss2svg.fit import DEFAULT_LOSS, PERCEPTUAL, PSNR, LossFunction, LossName, has_ssim
 from gauss2svg.photo.pixels import BACKDROPS, Focus, has_alpha, shrunk
 from gauss2svg.render.cpu import (
     Splats,
@@ -46,10 +38,6 @@ from gauss2svg.render.cpu import (
 )
 from gauss2svg.scene import Scene
 from gauss2svg.without_scipy import smoothed
-
-# Bounds of the initial opacity of a Gaussian in a fit to a target with alpha.
-LEAST_OPACITY = 0.02
-MOST_OPACITY = 0.98
 
 
 class LossAndGradient(NamedTuple):
@@ -75,11 +63,21 @@ class LossAndGradient(NamedTuple):
 class Target:
     """An image to fit, with the weight of an error and the direction of edges at each pixel.
 
-    color (3, h, w) is float32 or float64, and the kernels compute in its dtype. alpha (h, w) is
-    None if the image is opaque. An image with alpha is fitted over a white and a black backdrop at
-    the same time. The render over any other backdrop b follows from these two renders, because it
-    is C + T_end b with the Gaussians' colour C = sum w_k c_k and their transmittance T_end. The
-    kernels run once for each backdrop.
+    pixels     (h, w, 3) or (h, w, 4) in 0..1
+    tune       value of FitOptions.tune
+    dtype      np.float32 or np.float64, the dtype in which the kernels compute. float64 takes twice
+               the time and does not raise the PSNR (docs/decisions/numbers.md)
+    transform  function from `pixels`, perhaps reduced, to the picture that is fitted. If it is
+               None, the pixels themselves are fitted
+    mask       mask of the parts of the image where detail matters most. If it is None, detail
+               matters equally everywhere
+    ground     scene of areas, without Gaussians, that lies below the Gaussians. If it is None, only
+               a background lies below them
+
+    An image with alpha is fitted over a white and a black backdrop at the same time. The render
+    over any other backdrop b follows from these two renders, because it is C + T_end b with the
+    Gaussians' colour C = sum w_k c_k and their transmittance T_end. The kernels run once for each
+    backdrop.
 
     planar        image with which renders are compared: (3, h, w), or (6, h, w) if the image has
                   alpha, first over white and then over black
@@ -93,37 +91,52 @@ class Target:
 
     def __init__(
         self,
-        color: NDArray[np.floating],
+        pixels: NDArray[np.floating],
         tune: str,
-        alpha: NDArray[np.floating] | None = None,
-        focus: Focus | None = None,
+        dtype: Any = np.float32,
+        transform: Callable[[NDArray[Any]], NDArray[Any]] | None = None,
+        mask: Focus | None = None,
         ground: Scene | None = None,
     ) -> None:
-        self.height, self.width = color.shape[1:]
+        self.pixels, self.tune, self.mask, self.ground = pixels, tune, mask, ground
+        self.height, self.width = pixels.shape[:2]
+        self._arguments = tune, dtype, transform, mask, ground
+        self._reduced: dict[int, Target] = {}
+        fitted = pixels if transform is None else transform(pixels)
+        planar = np.ascontiguousarray(np.moveaxis(fitted, -1, 0), dtype)
+        color, alpha = planar[:3], planar[3] if has_alpha(fitted) else None
         self._alpha = alpha
         self.visible: NDArray[np.bool_] | None = None
         if alpha is None:
             self.planar = self.source_color = color
             self._views: list[tuple[NDArray[np.floating], float | None]] = [(color, None)]
         else:
-            self.visible = alpha >= 0.5 / 255
-            self.source_color = _filled(color, self.visible)
+            self.visible = visible = alpha >= 0.5 / 255
+            self.source_color = _filled(color, visible)
             composites = [alpha * color + (1 - alpha) * color.dtype.type(b) for b in BACKDROPS]
             self.planar = np.concatenate(composites)
             self._views = [(self.planar[3 * k : 3 * k + 3], b) for k, b in enumerate(BACKDROPS)]
-        self.tune = tune
         self.weight = weight = pixel_weight([planar for planar, _ in self._views], tune)
         self.focus: NDArray[np.floating] | None = None
-        if focus is not None:
-            self.focus = focus.weight(self.height, self.width).astype(color.dtype)
+        if mask is not None:
+            self.focus = mask.weight(self.height, self.width).astype(dtype)
             self.weight = self.focus * weight
             self.weight *= weight.mean() / self.weight.mean()
         self._grounds: dict[float | None, NDArray[np.floating]] = {}
         if ground is not None:
             from gauss2svg.render.areas import ground_of  # few fits need its kernels
 
-            size, real = (self.height, self.width), color.dtype.type
-            self._grounds = {b: ground_of(ground, *size, real, b) for _, b in self._views}
+            size = self.height, self.width
+            self._grounds = {b: ground_of(ground, *size, dtype, b) for _, b in self._views}
+
+    def reduced(self, factor: int) -> Target:
+        """Return the target at 1 / factor of width and height. Each target is made only once."""
+        if factor == 1:
+            return self
+        if factor not in self._reduced:
+            small = shrunk(self.pixels, max(1, self.height // factor), max(1, self.width // factor))
+            self._reduced[factor] = Target(small, *self._arguments)
+        return self._reduced[factor]
 
     @property
     def visible_weight(self) -> NDArray[np.floating] | None:
@@ -175,36 +188,23 @@ class Target:
             return np.full(len(mean), usual_logit)
         x, y = np.clip(mean.astype(np.intp), 0, [self.width - 1, self.height - 1]).T
         opacity = self._alpha[y, x] / (1 + portable.exp(-usual_logit))
-        opacity = np.clip(opacity, LEAST_OPACITY, MOST_OPACITY).astype(np.float64)
+        opacity = np.clip(opacity, 0.02, 0.98).astype(np.float64)
         return portable.log(opacity / (1 - opacity))
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
         """Return the render of the Gaussians, an array of the shape of `planar`."""
         real, size = self.planar.dtype.type, (self.height, self.width)
-        return _join([render_planar(self._over(splats, b), *size, real) for _, b in self._views])
+        return joined([render_planar(self._over(splats, b), *size, real) for _, b in self._views])
 
-    def error(self, splats: Splats) -> float:
-        """Return the mean squared error of the Gaussians against the target."""
-        return self._mean_square(self.rendered(splats), self.planar)
-
-    def error_of(self, rendered: Sequence[NDArray[np.floating]]) -> float:
-        """Return the mean squared error of renders (3, h, w), one over each backdrop."""
-        pairs = zip(rendered, self._views, strict=True)
-        return float(np.mean([self._mean_square(own, view[0]) for own, view in pairs]))
+    def error_of(self, rendered: NDArray[np.floating]) -> float:
+        """Return the mean squared error of a render of the shape of `planar`."""
+        return self._mean_square(rendered, self.planar)
 
     def _mean_square(self, rendered: NDArray[np.floating], planar: NDArray[np.floating]) -> float:
         squares = np.square(rendered - planar)
         if self.focus is not None:
             squares *= self.focus
         return float(np.mean(squares, dtype=np.float64))
-
-    def loss(self, splats: Splats) -> float:
-        """Return the loss that `evaluate` returns for SQUARED_LOSSES, without its gradient."""
-        return 0.5 * self.error(splats) * self.planar.size
-
-    @cached_property
-    def _even_weight(self) -> NDArray[np.floating]:
-        return np.ones_like(self.weight) if self.focus is None else self.focus
 
     def evaluate(
         self, splats: Splats, loss: LossName | LossFunction, ssim_weight: float | None
@@ -215,7 +215,7 @@ class Target:
         ssim_weight  weight of 1 - SSIM in 0..1, or None for SSIM_WEIGHT
         """
         parts: list[LossAndGradient] = []
-        weight = self.weight if loss == DEFAULT_LOSS else self._even_weight
+        weight = self.weight if loss == DEFAULT_LOSS else self.focus
         for planar, backdrop in self._views:
             on_backdrop = self._over(splats, backdrop)
             image, squares, moments, rows = squared_error(on_backdrop, planar, weight)
@@ -230,17 +230,6 @@ class Target:
             error = squares / planar.size / len(self._views)
             parts.append(LossAndGradient(value, error, moments, rows * 16, (image,)))
         return LossAndGradient(*(reduce(add, values) for values in zip(*parts, strict=True)))
-
-    def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
-        """Return the weighted sum of squared errors, and moments (n, MOMENTS).
-
-        The moments are those of the gradient of half this sum.
-        """
-        parts = [
-            squared_error(self._over(splats, b), planar, self.weight) for planar, b in self._views
-        ]
-        rendered = _join([part[0] for part in parts])
-        return self.weighted_squares(rendered), reduce(add, (part[2] for part in parts))
 
     def weighted_squares(self, rendered: NDArray[np.floating]) -> float:
         """Return the sum of the squared errors of a render, weighted by `weight`.
@@ -259,22 +248,11 @@ class Target:
         parts = [
             removal_cost(self._over(splats, b), planar, self.weight) for planar, b in self._views
         ]
-        return _join([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
+        return joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 
-def target_of(
-    pixels: NDArray[np.floating],
-    dtype: Any,
-    tune: str,
-    focus: Focus | None = None,
-    ground: Scene | None = None,
-) -> Target:
-    """Return the target of an image (h, w, 3) or (h, w, 4)."""
-    planar = np.ascontiguousarray(np.moveaxis(pixels, -1, 0), dtype)
-    return Target(planar[:3], tune, planar[3] if has_alpha(pixels) else None, focus, ground)
-
-
-def _join(images: list[NDArray[np.floating]]) -> NDArray[np.floating]:
+def joined(images: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
+    """Return renders (3, h, w), one for each backdrop, as an array of the shape of `planar`."""
     return images[0] if len(images) == 1 else np.concatenate(images)
 
 
@@ -291,49 +269,6 @@ def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[
     nearest = distance_transform_edt(~visible, return_distances=False, return_indices=True)
     y, x = np.asarray(nearest)
     return np.ascontiguousarray(color[:, y, x])
-
-
-class TargetPyramid:
-    """Targets of an image (h, w, 3) or (h, w, 4) at reduced sizes.
-
-    tune       value of FitOptions.tune
-    dtype      np.float32 or np.float64, the dtype in which the kernels compute. float64 takes twice
-               the time and does not raise the PSNR (docs/decisions/numbers.md)
-    transform  function from a reduced image to the picture that is fitted. If it is None, the
-               reduced image itself is fitted
-    focus      mask of the parts of the image where detail matters most. If it is None, detail
-               matters equally everywhere
-    ground     scene of areas, without Gaussians, that lies below the Gaussians. If it is None, only
-               a background lies below them
-    """
-
-    def __init__(
-        self,
-        pixels: NDArray[np.float32],
-        tune: str,
-        dtype: Any = np.float32,
-        transform: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None,
-        focus: Focus | None = None,
-        ground: Scene | None = None,
-    ) -> None:
-        self.pixels, self.focus, self.ground = pixels, focus, ground
-        self._transform = transform
-        self._dtype = dtype
-        self._tune = tune
-        self._targets: dict[int, Target] = {}
-
-    def reduced(self, factor: int) -> Target:
-        """Return the target at 1 / factor of width and height. Each target is made only once."""
-        if factor not in self._targets:
-            height, width = self.pixels.shape[:2]
-            size = max(1, height // factor), max(1, width // factor)
-            small = shrunk(self.pixels, *size)
-            if self._transform is not None:
-                small = self._transform(small)
-            self._targets[factor] = target_of(
-                small, self._dtype, self._tune, self.focus, self.ground
-            )
-        return self._targets[factor]
 
 
 # Constants of pixel_weight (docs/decisions/perceptual.md). The module's docstring defines c, g, m.
@@ -356,7 +291,7 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     """
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
-        energy = reduce(add, map(_gradient_energy, lumas)) / len(lumas)
+        energy = reduce(add, (gx * gx + gy * gy for gx, gy in map(slopes, lumas))) / len(lumas)
         flatness = portable.exp(-smoothed(energy, FLAT_REACH) / FLAT_GRADIENT**2)
         weight = 1 + FLAT * flatness
     else:
@@ -375,11 +310,6 @@ def slopes(luma: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np
     gy = np.gradient(luma, axis=0) if height > 1 else np.zeros_like(luma)
     gx = np.gradient(luma, axis=1) if width > 1 else np.zeros_like(luma)
     return gx, gy
-
-
-def _gradient_energy(luma: NDArray[np.floating]) -> NDArray[np.floating]:
-    gx, gy = slopes(luma)
-    return gx * gx + gy * gy
 
 
 def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -511,8 +441,3 @@ def structural_similarity(
     gradient -= 2 * image * gathered(similarity / b2)
     mean = float((similarity * weight).mean(dtype=np.float64))
     return mean, gradient * (image.size / similarity.size)
-
-
-def psnr_of(error: float) -> float:
-    """Return the PSNR in dB that belongs to a mean squared error, or infinity for an error of 0."""
-    return -10 * portable.log10(error) if error > 0 else math.inf

@@ -7,7 +7,7 @@ module does not import NumPy, which would make the help slow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pkgutil import resolve_name
@@ -71,7 +71,7 @@ class Score:
     form: str
     least_step: float
     best: float | None
-    title: str = ""
+    title: str
     about: str = ""
     unit: str = ""
     lower_wins: bool = False
@@ -81,9 +81,6 @@ class Score:
     least_side: int = 1
     pixel_bytes: int = 0
     search: Search | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "title", self.title or self.name)
 
     @property
     def key(self) -> str:
@@ -155,12 +152,13 @@ PSNR = Score(
     ),
 )
 SSIM = Score(
-    slug="ssim", name="SSIM", defined_in="metrics", form=".3f", least_step=0.01, best=1.0,
-    always=True,
+    slug="ssim", name="SSIM", title="SSIM", defined_in="metrics", form=".3f", least_step=0.01,
+    best=1.0, always=True,
 )  # fmt: skip
 SSIMULACRA2 = Score(
     slug="ssimulacra2",
     name="SSIMULACRA2",
+    title="SSIMULACRA2",
     about="how people would judge the SVG beside its photo; 100 means equal, 70 high quality, 50 "
     "medium, 30 low. It needs at least 225 px a side.",
     defined_in="perceptual",
@@ -236,12 +234,8 @@ def packages_missing() -> tuple[str, ...]:
     The tuple is empty if all packages are installed.
     """
     names = [score.name for score in ON_REQUEST if not score.is_installed]
-    return (_not_installed(names),) if names else ()
-
-
-def _not_installed(names: Sequence[str]) -> str:
-    verb = "is" if len(names) == 1 else "are"
-    return f"{' and '.join(names)} {verb} not measured: not installed. {ADVICE}"
+    are = f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'}"
+    return (f"{are} not measured: not installed. {ADVICE}",) if names else ()
 
 
 def require_packages(score: Score | None = None) -> None:

@@ -34,7 +34,6 @@ from gauss2svg.svg.file import (
 )
 from gauss2svg.svg.untrusted import Survey
 
-REFERENCE_SCALE = 4.0
 # Elements that may change what a web page shows, but do not change a raster. Browsers would draw
 # animations, so gauss2svg.raster refuses an animated file if the renderer is a browser.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
@@ -67,8 +66,8 @@ class CheckResult:
     ms_ssim        0..1, None under 176 px a side
     largest_error  largest error of any channel, in levels of 255
     bias           mean of the SVG's raster minus the photo, in levels of 255
-    hue_error      largest local error of hue (gauss2svg.measure.hue). If the photo has alpha, it is
-                   the larger one of those over white and over black
+    hue_error      largest local error of hue (metrics.local_hue_error). If the photo has alpha, it
+                   is the larger one of those over white and over black
     hue_error_at   place [x, y] of that error in px of the raster
     hue_error_999  99.9th percentile of the local errors of hue
     svg_bytes      bytes of the file without compression
@@ -207,7 +206,7 @@ def check(
     is_trusted = isinstance(getattr(svg, "svg", None), str)
     svg = svg.svg if is_trusted else svg
     data, text = read_source(svg, int(asked.max_svg_bytes))
-    larger, scale = None, asked.reference_scale or REFERENCE_SCALE
+    larger, scale = None, asked.reference_scale or 4.0
     if reference is not None:
         larger = enlarged(text, reference, size, scale, asked, WHITE if matte is None else matte)
     surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)

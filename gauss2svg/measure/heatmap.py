@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
-from gauss2svg.measure.metrics import LEVELS
-
 # Error at the bright end of the scale, in levels of 255. Larger errors have the same colour.
 MOST = 64
 # Every sixteenth colour of matplotlib's inferno, by Nathaniel J. Smith and Stefan van der Walt
@@ -23,7 +21,6 @@ _COLORS = np.array(
     ]
 )[:, None] >> (16, 8, 0) & 0xFF  # fmt: skip
 _BAR, _TEXT = 10, 12  # px, height of the bar of colours in the legend, and height of its labels
-_SCALE = f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
 
 
 def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -31,7 +28,7 @@ def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[
 
     This is the largest absolute difference among the pixel's channels.
     """
-    return np.abs(np.subtract(image, other, dtype=np.float64)).max(axis=2) * LEVELS
+    return np.abs(np.subtract(image, other, dtype=np.float64)).max(axis=2) * 255
 
 
 def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image.Image:
@@ -82,7 +79,10 @@ def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:
         _label(sheet, height + _BAR)
     stream = io.BytesIO()
     notes = PngInfo()
-    notes.add_text("Description", _SCALE)
+    scale = (
+        f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
+    )
+    notes.add_text("Description", scale)
     sheet.save(stream, "PNG", pnginfo=notes)
     return stream.getvalue()
 

@@ -1,42 +1,41 @@
-"""Image metrics. All images are (h, w, channels) float in 0..1."""
+"""Image metrics. All images are (h, w, channels) float in 0..1.
+
+A run measures some of them always, and scikit-image and SciPy's packages are slow to import
+(docs/decisions/start.md). So this module has its own SSIM, its own conversion to CIELAB and its own
+box filter.
+"""
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.errors import InputError
-from gauss2svg.without_scipy import smoothed
+from gauss2svg.errors import refusal
+from gauss2svg.photo.pixels import BACKDROPS, has_alpha, linear_light, over, psnr_of
+from gauss2svg.without_scipy import mirrored, smoothed
 
-LEVELS = 255  # largest level of an 8-bit channel. Differences are reported in these levels
 LEAST_SIDE_FOR_SSIM = 3  # px
 # px. MS-SSIM divides the sides by 16 at its smallest scale. A side of this length
 # then has 11 px, as many as a window.
 LEAST_SIDE_FOR_MS_SSIM = 176
 _SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # the scales' weights from the paper
-# SSIM's Gaussian window: its side in px, its sigma in px, and the number of sigmas at which the
-# Gaussian is cut off.
-_FULL_WINDOW, _SIGMA, _CUT = 11, 1.5, 3.5
-_K1, _K2 = 0.01, 0.03  # constants of SSIM from its paper
+_FULL_WINDOW = 11  # px, side of SSIM's Gaussian window
+_K1 = 0.01  # constant of SSIM from its paper
 # With a K1 this large, SSIM's luminance term is 1, so that only contrast times structure is left.
 _NO_LUMINANCE = 1e6
 _BAND = 256  # number of rows of windows for which SSIM is computed at a time
 _BAND_VALUES = 65536  # number of values that are compared at a time. They fit into the CPU's cache
-# A step between neighbouring pixels is steep if a channel, in 0..1, changes by this much or more:
-# about five levels of 255.
-_STEEP = 0.02
-_FLAT_DISTANCE = 4  # px. A pixel is flat if there is no steep step within this distance of it
 
 
 def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
     """Raise InputError unless two images have the same shape (h, w, channels)."""
     if image.shape != other.shape or image.ndim != 3:
-        raise InputError(
-            f"two images must be of one shape (h, w, channels); got {image.shape} and {other.shape}"
-        )
+        got = f"{image.shape} and {other.shape}"
+        raise refusal("two images", "of one shape (h, w, channels)", got)
 
 
 def _bands(
@@ -99,11 +98,6 @@ def psnr(
     It is infinite for equal images. weight is as in `mean_squared_error`.
     """
     return psnr_of(mean_squared_error(image, other, weight))
-
-
-def psnr_of(error: float) -> float:
-    """Return the PSNR in dB of a mean squared error, which is infinite for 0."""
-    return -10 * portable.log10(error) if error > 0 else math.inf
 
 
 def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
@@ -188,12 +182,12 @@ def _similarity(
 def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K1) -> float:
     """Return the mean SSIM over Gaussian windows.
 
-    The result is that of scikit-image, which is not used because it is slow to import.
+    The result is that of scikit-image.
     """
     mean_x, mean_y, xx, yy, xy = (
-        smoothed(plane, _SIGMA, _CUT) for plane in (x, y, x * x, y * y, x * y)
+        smoothed(plane, 1.5, 3.5) for plane in (x, y, x * x, y * y, x * y)
     )
-    c1, c2 = k1**2, _K2**2
+    c1, c2 = k1**2, 0.03**2
     a1, a2 = 2 * mean_x * mean_y + c1, 2 * (xy - mean_x * mean_y) + c2
     b1 = mean_x**2 + mean_y**2 + c1
     b2 = (xx - mean_x * mean_x) + (yy - mean_y * mean_y) + c2
@@ -219,12 +213,12 @@ def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def largest_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the largest absolute difference at any pixel in any channel, in levels of 255."""
-    return max(float(np.abs(a - b).max()) for a, b in _bands(image, other)) * LEVELS
+    return max(float(np.abs(a - b).max()) for a, b in _bands(image, other)) * 255
 
 
 def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the mean of image - other over all pixels and channels, in levels of 255."""
-    return _mean(np.subtract, image, other) * LEVELS
+    return _mean(np.subtract, image, other) * 255
 
 
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
@@ -242,13 +236,107 @@ def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> 
     check_shapes(image, reference)
     steep = np.zeros(reference.shape[:2], bool)
     for axis in (0, 1):  # the pixels on both sides of a steep step are marked
-        steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= _STEEP
+        steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= 0.02
         lead = (slice(None),) * axis
         steep[(*lead, slice(1, None))] |= steps
         steep[(*lead, slice(-1))] |= steps
-    flat = np.logical_not(maximum_filter(steep, size=2 * _FLAT_DISTANCE + 1))
+    flat = np.logical_not(maximum_filter(steep, size=9))
     errors = np.abs(np.subtract(image[flat], reference[flat], dtype=np.float64)).max(axis=1)
     if not errors.size:
         return math.nan
     worst = math.ceil(errors.size / 1000)
-    return float(np.partition(errors, -worst)[-worst:].mean()) * LEVELS
+    return float(np.partition(errors, -worst)[-worst:].mean()) * 255
+
+
+WINDOW = 9  # px, side of the box over which errors are averaged (docs/decisions/metrics.md)
+# XYZ of linear sRGB light (IEC 61966-2-1). Each row is divided by its sum, which is the XYZ of the
+# white point D65, so that a and b of grey are 0.
+_XYZ = np.array(
+    [
+        [0.412453, 0.357580, 0.180423],
+        [0.212671, 0.715160, 0.072169],
+        [0.019334, 0.119193, 0.950227],
+    ]
+)
+_XYZ = (_XYZ / _XYZ.sum(axis=1, keepdims=True)).astype(np.float32)
+
+
+class HueError(NamedTuple):
+    """The local error of hue of an image, in units of a and b of CIELAB.
+
+    worst       largest error
+    x, y        px, place of the largest error
+    percentile  99.9th percentile of the errors of all pixels
+    """
+
+    worst: float
+    x: int
+    y: int
+    percentile: float
+
+
+def local_hue_error(image: NDArray[np.float32], photo: NDArray[np.float32]) -> HueError:
+    """Return the local error of hue of an image against its photo.
+
+    Both are (h, w, 3) or (h, w, 4) in 0..1. At each pixel, the differences of a and b of CIELAB are
+    averaged over WINDOW x WINDOW px. The error is the length of the two means. So noise, and edges
+    that are a pixel off, hardly count, but a small part that has lost its colour does. If the
+    photo has alpha, the errors are measured over white and over black, and the worse ones count.
+    """
+    check_shapes(image, photo)
+    return max(_over(image, photo, level) for level in BACKDROPS[: 1 + has_alpha(photo)])
+
+
+def _over(image: NDArray[np.float32], photo: NDArray[np.float32], level: float) -> HueError:
+    """Return the local error of hue of two pictures over a grey level."""
+    height, width = photo.shape[:2]
+    errors, radius = np.empty((height, width), np.float32), WINDOW // 2
+    rows, step = mirrored(height, radius), 128
+    for top in range(0, height, step):  # bands of rows, to save memory
+        band = rows[top : top + step + 2 * radius]
+        difference = chroma(over(image[band], level)) - chroma(over(photo[band], level))
+        a, b = box_mean(np.moveaxis(difference, 2, 0), WINDOW)[:, radius : len(band) - radius]
+        errors[top : top + step] = portable.hypot(a, b)
+    y, x = divmod(int(errors.argmax()), width)
+    worst = float(errors[y, x])
+    return HueError(worst, x, y, float(np.percentile(errors, 99.9, overwrite_input=True)))
+
+
+def chroma(rgb: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return a and b of CIELAB (..., 2) of sRGB colours (..., 3) in 0..1. The white point is D65.
+
+    scikit-image's `rgb2lab` gives the same numbers to within 0.1.
+    """
+    table = _light()
+    levels = np.round(rgb * np.float32(len(table) - 1)).astype(np.int32)
+    xyz = portable.product(np.take(table, levels, mode="clip"), _XYZ.T)
+    x, y, z = np.moveaxis(
+        np.where(xyz > 0.008856, portable.cbrt(xyz), 7.787 * xyz + 16 / 116), -1, 0
+    )
+    return np.stack([500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+@cache
+def _light() -> NDArray[np.float32]:
+    """Return the linear light of sRGB values at even steps from 0 to 1.
+
+    There are 16 steps between two neighbours of the 256 levels. The levels themselves are in the
+    table, so that pictures of 8 bits are converted exactly.
+    """
+    return linear_light(np.linspace(0, 1, 255 * 16 + 1)).astype(np.float32)
+
+
+def box_mean(planes: NDArray[np.floating], window: int) -> NDArray[np.floating]:
+    """Return the mean of each plane (..., h, w) over the window x window px around each pixel.
+
+    `window` is odd. Beyond its border, a plane continues as its mirror image, as in
+    scipy.ndimage.uniform_filter. Sums are computed in float64, and the result has the dtype of the
+    planes.
+    """
+    means = planes
+    for axis in (-2, -1):
+        # One more value before the first window makes each sum a difference of two running sums.
+        at = mirrored(planes.shape[axis], window // 2 + 1)[:-1]
+        total = np.moveaxis(means.take(at, axis).cumsum(axis, dtype=np.float64), axis, 0)
+        means = np.moveaxis((total[window:] - total[:-window]) / window, 0, axis)
+    return means.astype(planes.dtype)

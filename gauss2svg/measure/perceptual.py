@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, refusal
 from gauss2svg.measure import (
     ADVICE,
     ON_REQUEST,
@@ -27,7 +27,7 @@ from gauss2svg.measure import (
     ScoresMissingError,
     packages_missing,
 )
-from gauss2svg.measure.metrics import LEVELS, check_shapes
+from gauss2svg.measure.metrics import check_shapes
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, module_command, python_environment, run
@@ -100,10 +100,8 @@ def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> flo
     """
     height, width = image.shape[:2]
     if min(height, width) < SSIMULACRA2.least_side:
-        raise InputError(
-            f"an image for SSIMULACRA2 must be at least {SSIMULACRA2.least_side} px a side; "
-            f"got {width}x{height} px. Try SSIM"
-        )
+        needed = f"at least {SSIMULACRA2.least_side} px a side"
+        raise refusal("an image for SSIMULACRA2", needed, f"{width}x{height} px", "SSIM")
     try:
         from ssimulacra2 import compute_ssimulacra2
     except ImportError as error:
@@ -145,12 +143,12 @@ def main() -> None:
 
     height, width = map(int, sys.argv[1:])
     levels = np.frombuffer(sys.stdin.buffer.read(), np.uint8).reshape(2, height, width, 3)
-    photo, image = levels.astype(np.float32) / np.float32(LEVELS)
+    photo, image = levels.astype(np.float32) / np.float32(255)
     print(evaluate(photo, image, "LDR", applyMagma=False)[1])
 
 
 def _eight_bits(image: NDArray[np.floating]) -> NDArray[np.uint8]:
-    return np.round(np.clip(image, 0, 1) * LEVELS).astype(np.uint8)
+    return np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
 
 
 def _as_file(image: NDArray[np.floating]) -> io.BytesIO:

@@ -2,58 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.measure import Score, metrics
-from gauss2svg.measure.hue import local_hue_error
-from gauss2svg.photo.pixels import BLACK, alpha_of, has_alpha, over, stacked, views
+from gauss2svg.photo.pixels import BLACK, has_alpha, over, stacked, views
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like, renderer_version
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene
 from gauss2svg.svg.file import file_bytes
 
 
-@dataclass(frozen=True, eq=False)
-class RoundTrip:
-    """An SVG's raster and its errors. PSNR is in dB, and differences are in levels of 255.
+class RoundTrip(NamedTuple):
+    """An SVG's raster and its scores.
 
-    psnr_model compares the fitted model with the photo.
-    psnr_svg, ssim_svg, largest_error_svg and bias_svg compare the raster with the photo.
-    psnr_roundtrip, largest_error_roundtrip and bias_roundtrip compare the raster with the model.
-
-    hue_error_svg, hue_error_at and hue_error_999_svg are the local error of hue of the raster: the
-    largest one, its place [x, y] in px of the raster, and the 99.9th percentile. If the photo has
-    alpha, they are those over white or those over black, whichever are worse.
-
-    All the others compare pictures over white. ssim_svg is None for images under 3 px a side.
-    psnr_model_black and psnr_svg_black compare pictures over black. psnr_model_alpha and
-    psnr_svg_alpha compare the alpha channels. These four are None if the photo is opaque. raster is
-    (h, w, 3), or (h, w, 4) if the photo has alpha.
+    raster  (h, w, 3), or (h, w, 4) if the photo has alpha
+    scores  dict for a report, whose keys docs/reference/report.md explains. PSNR is in dB, and
+            infinite for equal pictures. Differences are in levels of 255. `psnr_model` compares the
+            fitted model with the photo, keys with `svg` compare the raster with the photo, and keys
+            with `roundtrip` compare the raster with the model
     """
 
     raster: NDArray[np.float32]
-    renderer: str
-    psnr_model: float
-    psnr_svg: float
-    ssim_svg: float | None
-    largest_error_svg: float
-    bias_svg: float
-    hue_error_svg: float
-    hue_error_at: list[int]
-    hue_error_999_svg: float
-    psnr_roundtrip: float
-    largest_error_roundtrip: float
-    bias_roundtrip: float
-    svg_bytes: int
-    svgz_bytes: int
-    psnr_model_black: float | None = None
-    psnr_model_alpha: float | None = None
-    psnr_svg_black: float | None = None
-    psnr_svg_alpha: float | None = None
+    scores: dict[str, Any]
 
 
 def round_trip(
@@ -79,19 +52,19 @@ def round_trip(
     model_black, model_alpha = None, None
     if has_alpha(photo):
         model_black, model_alpha = _psnr_with_alpha(render_rgba(scene, width, height), photo)
-    return RoundTrip(
-        raster=raster,
-        renderer=renderer_version(renderer),
-        psnr_model=metrics.psnr(model, over(photo)),
-        psnr_model_black=model_black,
-        psnr_model_alpha=model_alpha,
+    scores = {
+        "renderer": renderer_version(renderer),
+        "psnr_model": metrics.psnr(model, over(photo)),
         **measure_pixels(raster, photo),
-        psnr_roundtrip=metrics.psnr(over_white, model),
-        largest_error_roundtrip=metrics.largest_error(over_white, model),
-        bias_roundtrip=metrics.bias(over_white, model),
-        svg_bytes=len(file_bytes(svg, gzipped=False)),
-        svgz_bytes=len(file_bytes(svg, gzipped=True)),
-    )
+        "psnr_roundtrip": metrics.psnr(over_white, model),
+        "largest_error_roundtrip": metrics.largest_error(over_white, model),
+        "bias_roundtrip": metrics.bias(over_white, model),
+        "svg_bytes": len(file_bytes(svg, gzipped=False)),
+        "svgz_bytes": len(file_bytes(svg, gzipped=True)),
+        "psnr_model_black": model_black,
+        "psnr_model_alpha": model_alpha,
+    }
+    return RoundTrip(raster, scores)
 
 
 def model_psnr(
@@ -113,14 +86,20 @@ def score_of(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float3
 
 
 def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:
-    """Return the values of the fields of RoundTrip that compare a raster with a photo.
+    """Return the scores of a raster against a photo of the same shape, by their keys in a report.
 
-    Both have the same shape.
+    The scores compare pictures over white. ssim_svg is None for images under 3 px a side.
+    psnr_svg_black compares pictures over black, and psnr_svg_alpha the alpha channels. Both are
+    None if the photo is opaque.
+
+    hue_error_svg, hue_error_at and hue_error_999_svg are the local error of hue of the raster: the
+    largest one, its place [x, y] in px of the raster, and the 99.9th percentile. If the photo has
+    alpha, they are those over white or those over black, whichever are worse.
     """
     raster_white, photo_white = over(raster), over(photo)
     measurable = min(photo.shape[:2]) >= metrics.LEAST_SIDE_FOR_SSIM
     black, alpha = _psnr_with_alpha(raster, photo)
-    hue = local_hue_error(raster, photo)
+    hue = metrics.local_hue_error(raster, photo)
     return {
         "psnr_svg": metrics.psnr(raster_white, photo_white),
         "ssim_svg": metrics.ssim(raster_white, photo_white) if measurable else None,
@@ -141,4 +120,4 @@ def _psnr_with_alpha(
     if not has_alpha(photo):
         return None, None
     over_black = metrics.psnr(over(image, BLACK), over(photo, BLACK))
-    return over_black, metrics.psnr(alpha_of(image), alpha_of(photo))
+    return over_black, metrics.psnr(image[:, :, 3:], photo[:, :, 3:])

@@ -20,7 +20,7 @@ MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
 PREFIX_BYTES = 64  # number of bytes at the start of a file that suffice to identify its format
 
 LIBVIPS, PILLOW = "gauss2svg.photo.by_libvips:opened", "gauss2svg.photo.by_pillow:opened"
-LIBHEIF = "gauss2svg.photo.by_heif:opened"
+LIBHEIF = "gauss2svg.photo.by_libvips:opened_heic"
 OF_PILLOW = "gauss2svg.photo.by_pillow:of_image"  # the function that reads a PIL image
 
 

@@ -1,4 +1,4 @@
-"""Open JPEG, PNG, WebP, TIFF and AVIF photos by libvips.
+"""Open JPEG, PNG, WebP, TIFF and AVIF photos by libvips, and HEIC photos by libheif.
 
 Each loader is called by its name. So libvips does not choose a loader by the content of a file.
 """
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pyvips
 from PIL.ExifTags import Base
-from PIL.TiffImagePlugin import ImageFileDirectory_v2
+from PIL.TiffImagePlugin import COMPRESSION_INFO, ImageFileDirectory_v2
 
 from gauss2svg.photo import libvips
 from gauss2svg.photo.load import StoredImage
@@ -28,11 +28,7 @@ _COLORS = {"b-w": 1, "grey16": 1, "cmyk": CMYK_CHANNELS}
 # limit, a hostile file could have thousands.
 _MAX_EXTRA = 4
 _END_OF_IMAGE = b"\xff\xd9"
-_NCLX = re.compile(rb"colrnclx(..)(..)", re.DOTALL)
-_AV1 = re.compile(rb"av1C..(.)", re.DOTALL)
-_MAX_PROFILE = 1 << 24  # largest size (bytes) of the decompressed ICC profile of a PNG
 _INKS, _YCBCR, _LAB = 5, 6, 8  # values of the TIFF tag PhotometricInterpretation
-_OLD_JPEG, _JPEG, _LZMA, _ZSTD = 6, 7, 34925, 50000  # values of the TIFF tag Compression
 _SEPARATE, _FLOAT = 2, 3  # values of the TIFF tags PlanarConfiguration and SampleFormat
 
 
@@ -43,15 +39,17 @@ def opened(file: bytes, loader: str) -> StoredImage:
         raise ValueError(problem)
     # Grey AVIFs are read by Pillow. Their grey levels may range over 16..235, which libheif (called
     # by libvips) does not expand to 0..255.
-    is_grey_avif = loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & 0x10
+    av1 = re.search(rb"av1C..(.)", file, re.DOTALL) if loader == "heifload" else None
+    is_grey_avif = av1 and av1[1][0] & 0x10
     if is_grey_avif or _needs_pillow(tags):
         from gauss2svg.photo import by_pillow  # imported here because few files need it
 
         return by_pillow.opened(file, "Avif" if is_grey_avif else "Tiff")
-    # If tiles or a fax (compressions 2 to 4) are broken, libtiff only warns. So in files with tiles
+    faxes = "tiff_ccitt", "group3", "group4"
+    # If tiles or a fax are broken, libtiff only warns. So in files with tiles
     # and in faxes, a warning counts as an error. Files with a strip of length 0 are an exception,
     # because libtiff warns of such a strip although the file can be read.
-    is_strict = (Base.TileWidth in tags or tags.get(Base.Compression) in (2, 3, 4)) and (
+    is_strict = (Base.TileWidth in tags or _compression(tags) in faxes) and (
         0 not in _numbers(tags, Base.StripByteCounts)
     )
 
@@ -118,8 +116,49 @@ def opened(file: bytes, loader: str) -> StoredImage:
     elif loader == "heifload":
         if file[8:12] == b"avis":
             stored.notes.append("first of several frames")
-        if not stored.space.profile and (match := _NCLX.search(file)):
+        if not stored.space.profile and (match := re.search(rb"colrnclx(..)(..)", file, re.DOTALL)):
             stored.set_codes("nclx", [int.from_bytes(code, "big") for code in match.groups()])
+    return stored
+
+
+def opened_heic(file: bytes, _loader: str) -> StoredImage:
+    """Read the header of the primary image of a HEIC file, by libheif in the package pi-heif.
+
+    libheif itself rotates and crops the image as the file says, so the image is upright.
+    """
+    import pi_heif  # imported here because few photos need it
+
+    pi_heif.options.DECODE_THREADS = 1  # more threads could exceed the limit of --threads
+    # References to metadata are removed, because pi-heif 1.4 may crash when it reads metadata.
+    file = re.sub(rb"(\0\0..)cdsc", rb"\1free", file, flags=re.DOTALL)
+    heif = pi_heif.open_heif(io.BytesIO(file), convert_hdr_to_8bit=False, hdr_to_16bit=False)
+    if not len(heif):
+        raise ValueError("it has no picture of HEVC")
+    kind, _, bits = heif.mode.partition(";")
+    depth = int(bits or 8)
+
+    def picture(_scale: int) -> Any:
+        array, max_level = np.asarray(heif), (1 << depth) - 1
+        picture = pyvips.Image.new_from_array(array)
+        if heif.premultiplied_alpha:
+            # A premultiplied colour cannot be larger than its alpha. Lossy compression may make it
+            # larger, so it is clipped here.
+            array = np.minimum(array, array[..., -1:])
+            picture = pyvips.Image.new_from_array(array).unpremultiply(max_alpha=max_level)
+        return picture if picture.format == "uchar" else picture / max_level
+
+    colors = 3 if kind.upper().startswith("RGB") else 1
+    alpha = colors if heif.has_alpha else None
+    # Decoding and reducing a photo takes 10 bytes of memory per pixel for samples of one byte, and
+    # twice as many for samples of two bytes.
+    stored = StoredImage(*heif.size, colors, alpha, picture, 10 * -(-depth // 8))
+    if profile := heif.info.get("icc_profile"):
+        stored.space = ColorSpace(profile)
+    elif nclx := heif.info.get("nclx_profile"):
+        codes = nclx["color_primaries"], nclx["transfer_characteristics"]
+        stored.set_codes("nclx", codes)
+    if len(heif) > 1:
+        stored.notes.append(f"primary image of {len(heif)}")
     return stored
 
 
@@ -151,7 +190,7 @@ def _add_chunks(stored: StoredImage, file: bytes) -> None:
     if iccp := chunks.get(b"iCCP"):
         packed = iccp.partition(b"\0")[2][1:]
         try:
-            profile = zlib.decompressobj().decompress(packed, _MAX_PROFILE)
+            profile = zlib.decompressobj().decompress(packed, 1 << 24)  # its size limit is 16 MiB
             stored.space = replace(stored.space, profile=profile)
         except zlib.error:
             stored.notes.append(UNUSABLE)
@@ -181,6 +220,11 @@ def _numbers(tags: dict[int, Any], tag: int) -> tuple[int, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
+def _compression(tags: dict[int, Any]) -> str:
+    """Return Pillow's name of the compression of a TIFF, "raw" if it has none."""
+    return COMPRESSION_INFO.get(tags.get(Base.Compression, 1), "")
+
+
 def _needs_pillow(tags: dict[int, Any]) -> bool:
     """Return whether a TIFF with these tags is read by Pillow in place of libvips.
 
@@ -189,7 +233,7 @@ def _needs_pillow(tags: dict[int, Any]) -> bool:
     """
     return max(_numbers(tags, Base.BitsPerSample), default=1) <= 8 and (
         tags.get(Base.PhotometricInterpretation) == _LAB
-        or tags.get(Base.Compression) in (_OLD_JPEG, _LZMA, _ZSTD)
+        or _compression(tags) in ("tiff_jpeg", "lzma", "zstd")
         or (tags.get(Base.PlanarConfiguration) == _SEPARATE and Base.TileWidth in tags)
     )
 
@@ -208,7 +252,7 @@ def _misread(tags: dict[int, Any]) -> str:
     if color == _INKS and tags.get(Base.SamplesPerPixel) in (1, 2, 3):
         return "its inks are not cyan, magenta, yellow and black"
     is_whole = is_separate or _numbers(tags, Base.YCbCrSubSampling) == (1, 1)
-    if color == _YCBCR and is_whole and tags.get(Base.Compression) not in (_OLD_JPEG, _JPEG):
+    if color == _YCBCR and is_whole and _compression(tags) not in ("tiff_jpeg", "jpeg"):
         return "its luma has no more pixels than its chroma, or they are in planes"
     bits, kinds = _numbers(tags, Base.BitsPerSample), _numbers(tags, Base.SampleFormat)
     is_half, is_grey = _FLOAT in kinds and 16 in bits, color in (0, 1)

@@ -20,21 +20,20 @@ TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
 _ROWS = 4  # number of rows that are fetched at a time
 
 
-# The attribute `lists` has a list of warnings for each call of `samples` that runs in this thread.
+# The attribute `warnings` has the warnings of the call of `samples` that runs in this thread.
 _thread = threading.local()
 # Only one thread at a time fetches samples, because libvips collects its messages in one place for
 # the whole process.
-_lock = threading.RLock()
+_lock = threading.Lock()
 
 
 def _collect(record: logging.LogRecord) -> bool:
-    """Add a warning of libvips to each list of this thread.
+    """Add a warning of libvips to those of this thread.
 
     Return False, so that the warning is not logged.
     """
     lines = record.getMessage().removeprefix("VIPS: ").splitlines()
-    for warnings in vars(_thread).get("lists", ()):
-        warnings += filter(None, lines)
+    vars(_thread).get("warnings", []).extend(filter(None, lines))
     return False
 
 
@@ -54,25 +53,19 @@ def samples(make: Callable[[], Any]) -> tuple[NDArray[Any], list[str]]:
     make  function that returns the picture
 
     libvips gives some warnings only when the picture is freed. To collect these too, the caller
-    must not keep a reference to the picture. If `make` fetches the samples of another picture, its
-    warnings are warnings about both pictures.
+    must not keep a reference to the picture.
     """
-    warnings: list[str] = []
     with _lock:
-        lists = vars(_thread).setdefault("lists", [])
-        lists.append(warnings)
+        _thread.warnings = []
         # libvips would otherwise add its old messages to the next warning.
         pyvips.vips_lib.vips_error_clear()
-        try:
-            picture = make()
-            width, height, bands = picture.width, picture.height, picture.bands
-            array = np.empty((height, width, bands), TYPES[picture.format])
-            region = pyvips.Region.new(picture)
-            for top in range(0, height, _ROWS):
-                rows = min(_ROWS, height - top)
-                fetched = np.frombuffer(region.fetch(0, top, width, rows), array.dtype)
-                array[top : top + rows] = fetched.reshape(-1, width, bands)
-            del region, picture
-        finally:
-            lists.pop()
-    return array, warnings
+        picture = make()
+        width, height, bands = picture.width, picture.height, picture.bands
+        array = np.empty((height, width, bands), TYPES[picture.format])
+        region = pyvips.Region.new(picture)
+        for top in range(0, height, _ROWS):
+            rows = min(_ROWS, height - top)
+            fetched = np.frombuffer(region.fetch(0, top, width, rows), array.dtype)
+            array[top : top + rows] = fetched.reshape(-1, width, bands)
+        del region, picture
+        return array, vars(_thread).pop("warnings")

@@ -46,24 +46,15 @@ from gauss2svg.photo.pixels import (
 from gauss2svg.photo.srgb import PRIMARIES, TRANSFERS, ColorSpace, in_srgb
 
 SWAPPED = (5, 6, 7, 8)  # the EXIF orientations that exchange width and height
-_LEAST_DPI = 1.0  # px per inch. A resolution of this or less counts as unknown
-# A mask must have a pixel whose grey, in 0..1, is at least this, and a pixel whose grey is less.
-_WHITE = 0.5
-# Pixels count as square if the resolutions across and down differ by at most this share.
-_SQUARE = 0.01
 # libjpeg can reduce a JPEG while it decodes it, but its filter removes high frequencies
 # (docs/decisions/photo.md). So libjpeg may reduce each side only to at least this many times the
 # size needed, and `resized` does the rest of the reduction.
 OVERSIZE = 3
-# The alpha of an opaque pixel, for each format of samples.
-_OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}
 # Exceptions by which decoders say what is wrong with a file.
 _EXPLAINED = pyvips.Error, OSError, ValueError, RuntimeError, SyntaxError
 # Parts of a decoder's message: the name of a function, numbers of an error, and a line without
 # a reason.
 _INTERNAL = re.compile(r"^\s*\w+: (unable to open source for input)?|\([0-9]+\.[0-9]+\)$")
-# A message of libjpeg. libvips takes it as a warning, but here it is an error.
-_TRUNCATED = "premature end of data segment"
 
 
 @dataclass(eq=False)
@@ -120,12 +111,12 @@ class StoredImage:
             return None, []
         across, down = self.density[::-1] if self.orientation in SWAPPED else self.density
         notes = []
-        if abs(across / down - 1) > _SQUARE:
+        if abs(across / down - 1) > 0.01:
             notes.append(
                 f"pixels are {down / across:.3g} times as wide as high by the resolution tag; "
                 "treated as square"
             )
-        is_known = self.is_per_inch and min(self.density) > _LEAST_DPI
+        is_known = self.is_per_inch and min(self.density) > 1  # px per inch
         return (across, down) if is_known else None, notes
 
     def set_codes(self, source: str, codes: Sequence[int]) -> None:
@@ -194,10 +185,8 @@ def opened(file: bytes, name: str, max_pixels: int) -> StoredImage:
     """
     kind = format_of(file[:PREFIX_BYTES])
     if isinstance(kind, str):
-        raise InputError(
-            f"{name} must be a supported image ({', '.join(FORMATS)}); got {kind}. Try "
-            "converting it"
-        )
+        needed = f"a supported image ({', '.join(FORMATS)})"
+        raise refusal(name, needed, kind, "converting it")
     with _refusing(name):
         stored = resolve_name(kind.decoder)(file, kind.loader)
     check_size((stored.width, stored.height), name, max_pixels)
@@ -211,9 +200,15 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     """
     size = reduced_size(needed, stored.width, stored.height)
     with _refusing(name):
-        pixels, warnings = samples(lambda: _picture(stored, size, name))
-        if any(_TRUNCATED in warning for warning in warnings):
-            raise ValueError(_TRUNCATED)
+        pixels, warnings = samples(lambda: _picture(stored, size))
+        # libvips takes this message of libjpeg as a warning, but here it is an error.
+        truncated = "premature end of data segment"
+        if any(truncated in warning for warning in warnings):
+            raise ValueError(truncated)
+        if size not in (None, pixels.shape[1::-1]):
+            # Floats outside of 0..1 must be refused by `unit` before a filter mixes them.
+            whole = pyvips.Image.new_from_array(unit(pixels, name))
+            pixels, _ = samples(lambda: resized(whole, size, stored.alpha is not None))
     if size is not None and pixels.dtype == np.float32:
         # The filter that reduces the picture may return samples slightly outside of 0..1.
         pixels = pixels.clip(0, 1)
@@ -234,24 +229,22 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     return Photo(color, stored.upright_size, (*notes, *dpi_notes, *color_notes), dpi, alpha)
 
 
-def _picture(stored: StoredImage, size: Size | None, name: str) -> Any:
+def _picture(stored: StoredImage, size: Size | None) -> Any:
     """Return a libvips picture with only the channels of colour and alpha.
 
-    The picture is reduced to `size`, unless that is None.
+    The picture is reduced to `size`, unless that is None or the samples are floats.
     """
     full = stored.width, stored.height
-    scale = max(s for s in stored.scales if s == 1 or (size and _leaves_enough(full, size, s)))
+    reduction = min(side / small for side, small in zip(full, size or full, strict=True))
+    scale = max(s for s in stored.scales if s == 1 or s * OVERSIZE <= reduction)
     picture = stored.picture(scale)
     if (picture.width, picture.height) != tuple(-(-side // scale) for side in full):
         raise ValueError(f"its pixels are {picture.width}x{picture.height}")
     bands = [*range(stored.colors), *([] if stored.alpha is None else [stored.alpha])]
     if picture.bands > len(bands):
         picture = picture[bands[0]].bandjoin([picture[band] for band in bands[1:]])
-    if size is None:
+    if size is None or picture.format == "float":
         return picture
-    if picture.format == "float":
-        # Samples outside of 0..1 must be refused by `unit` before a filter mixes them with others.
-        picture = pyvips.Image.new_from_array(unit(samples(lambda: picture)[0], name))
     return resized(picture, size, stored.alpha is not None)
 
 
@@ -267,17 +260,10 @@ def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
         small / side for small, side in zip(size, (picture.width, picture.height), strict=True)
     )
     if has_alpha:
-        picture = (picture / _OPAQUE[picture.format]).premultiply(max_alpha=1)
+        opaque = {"uchar": 255, "ushort": 65535, "float": 1}[picture.format]
+        picture = (picture / opaque).premultiply(max_alpha=1)
     picture = picture.resize(across, vscale=down, kernel="linear" if has_alpha else "cubic")
     return picture.unpremultiply(max_alpha=1) if has_alpha else picture
-
-
-def _leaves_enough(stored: Size, needed: Size, scale: int) -> bool:
-    """Return whether the image, decoded at 1 / `scale` of its size, is still large enough.
-
-    Each side must be at least OVERSIZE times the side that is needed.
-    """
-    return all(scale * OVERSIZE * small <= side for side, small in zip(stored, needed, strict=True))
 
 
 def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
@@ -296,16 +282,14 @@ def check_size(size: Size, name: str, max_pixels: int) -> None:
     """Raise InputError if a size (width, height) has no pixels, or more than max_pixels pixels."""
     width, height = size
     if width < 1 or height < 1:
-        raise InputError(f"{name} must be at least 1x1 px; got {width}x{height} px")
+        raise refusal(name, "at least 1x1 px", f"{width}x{height} px")
     count = width * height
     if count > max_pixels:
         advice = "shrinking it"
         if count <= MOST_PIXELS:
             advice += f", or raising --max-pixels, up to {MOST_PIXELS}, if you trust the file"
-        raise InputError(
-            f"{name} must be at most {max_pixels} px (--max-pixels); got {width}x{height} = "
-            f"{count} px. Try {advice}"
-        )
+        needed = f"at most {max_pixels} px (--max-pixels)"
+        raise refusal(name, needed, f"{width}x{height} = {count} px", advice)
 
 
 _CHANNELS = 1, 3, 4  # numbers of channels: grey, RGB, and RGB with alpha
@@ -347,7 +331,7 @@ def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pi
     The picture is read like a photo. Its transparent parts become black, and its colours grey. If
     it is larger than the photo, it is reduced to the size of the photo. Raise InputError if it
     cannot be read, if it does not have the proportions of the photo, or if all of its pixels are
-    light or all of them are dark (_WHITE).
+    light or all of them are dark.
     """
     try:
         needed = max(photo.width, photo.height)
@@ -360,7 +344,7 @@ def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pi
         needed = f"a mask of the photo's proportions, {across}x{down}"
         raise refusal("focus", needed, f"{width}x{height} px", "the photo's size")
     grey = mask.pixels.mean(axis=2, keepdims=True)
-    if not grey.min() < _WHITE <= grey.max():
+    if not grey.min() < 0.5 <= grey.max():
         needed = "a mask with white where detail matters, and black elsewhere"
         greys = f"greys from {255 * grey.min():.0f} to {255 * grey.max():.0f} of 255"
         raise refusal("focus", needed, greys, "painting on black with white")
@@ -433,23 +417,17 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
             file.seek(0)
             return file.read(-1 if is_photo else PREFIX_BYTES), name
     if not hasattr(source, "read"):
-        raise InputError(
-            "photo must be a path, bytes, a binary file, a PIL image, a numpy array or a torch "
-            f"tensor; got {type(source).__name__}"
-        )
+        needed = "a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor"
+        raise refusal("photo", needed, type(source).__name__)
     if getattr(source, "closed", False):
-        raise InputError(
-            "file object must be open; got a closed one. Try the path of the photo, or a file "
-            "that is open"
-        )
+        advice = "the path of the photo, or a file that is open"
+        raise refusal("file object", "open", "a closed one", advice)
     with suppress(AttributeError, OSError):  # raised if the file is a pipe, which cannot seek
         source.seek(0)
     data = source.read()
     if not isinstance(data, bytes):
-        raise InputError(
-            f"file object must be binary; got one that reads {type(data).__name__}. Try "
-            "open(path, 'rb')"
-        )
+        got = f"one that reads {type(data).__name__}"
+        raise refusal("file object", "binary", got, "open(path, 'rb')")
     return data, "file object"
 
 
@@ -460,9 +438,8 @@ def _tensor_samples(tensor: Any) -> NDArray[Any]:
         return (dense.float() if dense.is_floating_point() else dense).numpy()
     except (RuntimeError, TypeError) as error:  # raised for masked, quantized, nested, meta tensors
         needed, reason = "one that NumPy can hold", str(error).partition("\n")[0].rstrip(".")
-        raise InputError(
-            f"tensor must be {needed}; got {brief(reason)}. Try a dense tensor of floating point"
-        ) from error
+        advice = "a dense tensor of floating point"
+        raise refusal("tensor", needed, brief(reason), advice) from error
 
 
 def _of_array(
@@ -473,7 +450,7 @@ def _of_array(
     channel_axis  axis of the channels: the last one of an array, and the first one of a tensor
     """
     if np.ma.is_masked(array):
-        raise InputError(f"{name} must be without masked samples; got some. Try .filled(0)")
+        raise refusal(name, "without masked samples", "some", ".filled(0)")
     # The array is converted to a plain one, because a subclass may redefine operators.
     array = np.asarray(array)
     shape = array.shape
@@ -502,9 +479,7 @@ def _composited(photo: Photo, matte: Sequence[float] | None) -> Photo:
         return photo
     color = np.asarray(matte, np.float32)
     if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
-        raise InputError(
-            f"matte must be three numbers in 0..1: red, green, blue; got {quoted(matte)}"
-        )
+        raise refusal("matte", "three numbers in 0..1: red, green, blue", quoted(matte))
     if photo.alpha is None:
         return photo
     name = "".join(f"{round(255 * float(level)):02x}" for level in color)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg import portable
-from gauss2svg.errors import InputError, quoted, refusal
+from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import hex_of
 
 Size = tuple[int, int]  # width and height in px
@@ -120,16 +120,14 @@ def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
     if array.dtype in (np.uint8, np.uint16):
         return array.astype(np.float32) / np.float32(np.iinfo(array.dtype).max)
     if not np.issubdtype(array.dtype, np.floating):
-        raise InputError(
-            f"type of {name} must be uint8, uint16, bool or floating point; got {array.dtype}"
-        )
+        needed = "uint8, uint16, bool or floating point"
+        raise refusal(f"type of {name}", needed, str(array.dtype))
     bad = ~((array >= 0) & (array <= 1))  # `bad` is true for NaN too
     if bad.any():
         y, x, c = (int(v) for v in np.argwhere(bad)[0])
-        raise InputError(
-            f"samples of {name} must be finite and in 0..1; got {array[y, x, c]} at row {y}, "
-            f"column {x}, channel {c}. Try dividing by the largest value, or clipping"
-        )
+        got = f"{array[y, x, c]} at row {y}, column {x}, channel {c}"
+        advice = "dividing by the largest value, or clipping"
+        raise refusal(f"samples of {name}", "finite and in 0..1", got, advice)
     return array.astype(np.float32)
 
 
@@ -187,7 +185,7 @@ def shrunk(
     filter_ = Image.Resampling.LANCZOS if sharp else Image.Resampling.BOX
     if not has_alpha(pixels):
         return _resized(pixels, height, width, filter_)
-    weight = alpha_of(pixels)
+    weight = pixels[:, :, 3:]
     alpha = _resized(weight, height, width, filter_)
     premultiplied = _resized(pixels[:, :, :3] * weight, height, width, filter_)
     return straight(premultiplied, alpha[:, :, 0])
@@ -202,7 +200,7 @@ def over(
     """
     if not has_alpha(pixels):
         return pixels
-    color, alpha = pixels[:, :, :3], alpha_of(pixels)
+    color, alpha = pixels[:, :, :3], pixels[:, :, 3:]
     return np.asarray(color * alpha + (1 - alpha) * np.asarray(background, np.float32), np.float32)
 
 
@@ -222,11 +220,6 @@ def stacked(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     So a single call of a metric measures all views.
     """
     return views(pixels).reshape(-1, *pixels.shape[1:2], 3)
-
-
-def alpha_of(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the alpha channel (h, w, 1) of an image (h, w, 4)."""
-    return pixels[:, :, 3:]
 
 
 def straight(color: NDArray[np.floating], alpha: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -250,6 +243,11 @@ def from_views(white: NDArray[np.floating], black: NDArray[np.floating]) -> NDAr
 def linear_light(value: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return the linear light of sRGB values in 0..1 (IEC 61966-2-1)."""
     return np.where(value <= 0.04045, value / 12.92, portable.power((value + 0.055) / 1.055, 2.4))
+
+
+def psnr_of(error: float) -> float:
+    """Return the PSNR in dB of a mean squared error, which is infinite for 0."""
+    return -10 * portable.log10(error) if error > 0 else math.inf
 
 
 def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:

@@ -21,13 +21,8 @@ CMYK_CHANNELS = 4
 # Number of channels for each colour space of an ICC profile.
 _SPACES = {b"GRAY": 1, b"RGB ": 3, b"CMYK": CMYK_CHANNELS}
 UNUSABLE = "embedded ICC profile unreadable or for another colour space; sRGB assumed"
-_CONVERTED = "converted from its embedded ICC profile to sRGB"
-_NAIVE = "CMYK without a usable ICC profile; converted by the naive formula"
 _SAME = 1 / 255  # a profile that changes no level by more than this counts as sRGB
 _GAMMA = 1 / 2.2  # the number in the gAMA chunk of an sRGB image
-# If a gamma differs from _GAMMA by at most this share of _GAMMA, it counts as _GAMMA.
-_SAME_GAMMA = 0.01
-_LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0  # a gamma outside of this range is not used
 # The chromaticities of sRGB: x and y of white, red, green and blue.
 _SRGB = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 # The chromaticities, in the same order, for each code of primaries in table 2 of ITU-T H.273.
@@ -72,11 +67,12 @@ def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.f
     if space.profile:
         converted = _by_profile(color, space.profile)
         if converted is not None:
-            return converted, [] if converted is color else [_CONVERTED]
+            note = "converted from its embedded ICC profile to sRGB"
+            return converted, [] if converted is color else [note]
         notes = [UNUSABLE]
     if color.shape[2] == CMYK_CHANNELS:
         rgb = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
-        return rgb, [*notes, _NAIVE]
+        return rgb, [*notes, "CMYK without a usable ICC profile; converted by the naive formula"]
     color, gamma_notes = _by_gamma(color, space)
     return color, notes + gamma_notes
 
@@ -140,25 +136,19 @@ def _by_gamma(
     the curve of sRGB turns the light into values. A gamma within 1 % of 1/2.2 stands for the curve
     of sRGB itself.
     """
-    is_same = abs(space.gamma / _GAMMA - 1) <= _SAME_GAMMA
+    is_same = abs(space.gamma / _GAMMA - 1) <= 0.01
     has_primaries = not np.allclose(space.chromaticity, _SRGB, rtol=0, atol=0.005)
     matrix = _to_srgb_primaries(space.chromaticity)
-    if matrix is None or not _LEAST_GAMMA <= space.gamma <= _MOST_GAMMA:
+    if matrix is None or not 0.1 <= space.gamma <= 10:
         return color, [f"{space.source} unusable; sRGB assumed"]
     if is_same and (color.shape[2] == 1 or not has_primaries):
         return color, []
     light = linear_light(color) if is_same else portable.power(color, 1 / space.gamma)
     if color.shape[2] == 3 and has_primaries:
         light = np.clip(portable.product(light, matrix.T.astype(np.float32)), 0, 1)
-    return _srgb_value(light), [f"converted from {space.source} to sRGB"]
-
-
-def _srgb_value(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the sRGB values of linear light (IEC 61966-2-1)."""
-    value = np.where(
-        light <= 0.0031308, light * 12.92, 1.055 * portable.power(light, 1 / 2.4) - 0.055
-    )
-    return value.astype(np.float32)
+    curve = 1.055 * portable.power(light, 1 / 2.4) - 0.055  # IEC 61966-2-1
+    value = np.where(light <= 0.0031308, light * 12.92, curve).astype(np.float32)
+    return value, [f"converted from {space.source} to sRGB"]
 
 
 def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] | None:

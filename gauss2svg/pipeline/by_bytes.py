@@ -39,9 +39,8 @@ from gauss2svg import portable
 from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.fit.session import FitSession
-from gauss2svg.measure.metrics import psnr_of
 from gauss2svg.measure.roundtrip import round_trip
-from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, shrunk, views
+from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, psnr_of, shrunk, views
 from gauss2svg.pipeline.outcome import (
     Export,
     Outcome,
@@ -60,7 +59,7 @@ from gauss2svg.pipeline.plan import (
 )
 from gauss2svg.pipeline.run import Run
 from gauss2svg.raster import rasterize_like
-from gauss2svg.render.weights import color_weights
+from gauss2svg.render.cpu import color_weights
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
 from gauss2svg.svg.file import file_bytes
@@ -251,12 +250,11 @@ class ByBytes:
             self._run.notify("fit", dataclasses.replace(now, done=done, remaining_s=rest_s))
 
         session = FitSession(
-            subject.working,
+            subject.target(tune),
             config,
             progress=progress,
             as_written=lambda scene, _: with_few_exponents(scene, exponents),
             stop=self._stop,
-            targets=subject.targets(tune),
         )
         session.fit()
         self.fits.append(session.result())

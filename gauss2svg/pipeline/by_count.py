@@ -12,13 +12,11 @@ import dataclasses
 import math
 from operator import attrgetter
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gauss2svg import portable
 from gauss2svg.fit import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import DensificationPolicy, FitSession
-from gauss2svg.photo.pixels import over
+from gauss2svg.fit.target import Target
+from gauss2svg.photo.pixels import has_alpha, over
 from gauss2svg.pipeline.limits import Limits
 from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
@@ -90,14 +88,17 @@ class ByCount:
         if plan.options.svg.portable:
             run.budget.begin_fit(limits.expected, share=0.35)
             self._phase = "additive"
-            first = self._session(over(self._subject.working), plan.config(ADD))
+            working, target = self._subject.working, self._subject.target(plan.tune)
+            if has_alpha(working):
+                target = Target(over(working), plan.tune)
+            first = self._session(target, plan.config(ADD))
             first.fit()
             additive, limits.is_additive, self._phase = first.result(), False, "fit"
         run.budget.begin_fit(limits.expected)
         config = plan.fit_config
         if plan.only_time_limits:
             config = dataclasses.replace(config, gaussians=limits.expected)
-        session = self._session(self._subject.working, config)
+        session = self._session(self._subject.target(plan.tune), config)
         if additive is not None:
             session.adopt(additive.scene, plan.fit_config.gaussians)
         start = self._subject.start
@@ -135,9 +136,9 @@ class ByCount:
     def _steps(self, share: float) -> int:
         return max(40, round(share * (self._plan.fit_config.iterations or 0)))
 
-    def _session(self, pixels: NDArray[np.float32], config: FitConfig) -> FitSession:
+    def _session(self, target: Target, config: FitConfig) -> FitSession:
         """Return a fit that reports its progress under the present phase of the search."""
-        subject, run, ground = self._subject, self._run, self._subject.ground
+        run, ground = self._run, self._subject.ground
         areas = "" if ground is None else str(AreaCounts.of(ground.areas))
 
         def progress(now: FitProgress) -> None:
@@ -150,9 +151,8 @@ class ByCount:
             run.stop()
 
         as_written = None if self._phase == "additive" else self._exporter.as_written
-        targets = subject.targets(self._plan.tune) if pixels is subject.working else None
         session = FitSession(
-            pixels, config, self._policy, run.budget.fit_ends, progress, as_written,
-            stop=lambda: run.ended, targets=targets,
+            target, config, self._policy, run.budget.fit_ends, progress, as_written,
+            stop=lambda: run.ended,
         )  # fmt: skip
         return session

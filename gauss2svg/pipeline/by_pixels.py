@@ -51,7 +51,7 @@ def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> It
         if file.size <= (plan.goal.byte_limit or math.inf):
             run.notify("measure")
             measured = exporter.measured(file)
-            found = FoundAreas(areas, ground, 1.0, measured.psnr_model, fitted_s[0], 0.0)
+            found = FoundAreas(areas, ground, 1.0, measured.scores["psnr_model"], fitted_s[0], 0.0)
             fitted = FitResult(scene, 0, 0, *fitted_s, 0, "gain")
             yield Outcome(one, subject, file, fitted, measured, 0, found=found)
             return

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gauss2svg import portable
 from gauss2svg.errors import InputError, refusal
 from gauss2svg.fit import PERCEPTUAL, FitResult, Tune
-from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.photo.pixels import Focus, has_alpha, shrunk, stacked
@@ -54,7 +54,7 @@ class Subject:
     focus: Focus | None = None
     start: Scene | None = None
     ground: Scene | None = None
-    _targets: dict[Tune, TargetPyramid] = field(default_factory=dict, init=False)
+    _targets: dict[Tune, Target] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, photo: NDArray[np.float32], canvas: tuple[int, int] | None = None) -> Self:
@@ -77,16 +77,14 @@ class Subject:
         """Width and height in px of the image that a fit runs on."""
         return self.working.shape[1::-1]
 
-    def targets(self, tune: Tune) -> TargetPyramid:
-        """Return the targets of fits to the working image.
+    def target(self, tune: Tune) -> Target:
+        """Return the target of fits to the working image.
 
-        The targets for a value of `tune` are made in the first call with this value. Later calls
-        return the same targets again.
+        The target for a value of `tune` is made in the first call with this value. Later calls
+        return the same target again.
         """
         if tune not in self._targets:
-            self._targets[tune] = TargetPyramid(
-                self.working, tune, focus=self.focus, ground=self.ground
-            )
+            self._targets[tune] = Target(self.working, tune, mask=self.focus, ground=self.ground)
         return self._targets[tune]
 
     def weight(self, picture: NDArray[np.float32]) -> NDArray[np.float32] | None:
@@ -109,7 +107,7 @@ class Subject:
         The most useful shape is the one without which the weighted error against the working image
         would rise most.
         """
-        target = self.targets(tune).reduced(1)
+        target = self.target(tune)
         scale = target.width / scene.width, target.height / scene.height
         above = np.flatnonzero(scene.level == ABOVE)
         cost = target.removal_cost(splats_of(scene.select(above), scale))[1][:, 0]
@@ -171,7 +169,7 @@ class Exporter:
         # With a mask or a perceptual fit, errors count more at some pixels than at others. The
         # palette is made with the same weights as the fit.
         if len(scene) and (plan.tune == PERCEPTUAL or subject.focus):
-            weight = subject.targets(plan.tune).reduced(1).visible_weight
+            weight = subject.target(plan.tune).visible_weight
         palette, color_error = plan.quantization(len(scene), error)
         scaled = scaled_to(scene, subject.canvas)
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)

@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.errors import quoted, refusal, required
-from gauss2svg.measure.hue import WINDOW, box_mean, chroma
-from gauss2svg.render.cpu import moments_of_gradient, render_planar, splats_of
-from gauss2svg.render.weights import visible_mass
+from gauss2svg.measure.metrics import WINDOW, box_mean, chroma
+from gauss2svg.render.cpu import moments_of_gradient, render_planar, splats_of, visible_mass
 from gauss2svg.scene import ADD, BLURRED, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 from gauss2svg.svg.forms import GRADIENT, as_written, is_plain, with_falloffs

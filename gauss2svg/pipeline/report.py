@@ -44,7 +44,7 @@ def run_report(
     chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
     total_s, count = time.perf_counter() - run.started, len(file.scene)
-    shown, scored = shown_width(document, file.scene), vars(measured) | _by_focus(outcome)
+    shown, scored = shown_width(document, file.scene), measured.scores | _by_focus(outcome)
     counts, found = AreaCounts.of(file.scene.areas), outcome.found
     text = json.dumps(options.of_picture(), sort_keys=True)
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
@@ -85,7 +85,7 @@ def run_report(
         "area_refine_s": 0.0 if found is None else found.refine_s,
         "pixel_pairs": fitted.pixel_pairs,
         # The PSNR of equal images is infinite. It becomes None, because JSON has no infinity.
-        **{k: None if v == math.inf else v for k, v in scored.items() if k != "raster"},
+        **{name: None if value == math.inf else value for name, value in scored.items()},
         **scores.report,
         "bytes_by_part": bytes_by_part(svg),
         "paint_ms": paint_ms(file.scene, svg, shown),

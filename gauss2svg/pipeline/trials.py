@@ -14,7 +14,7 @@ from gauss2svg import portable
 from gauss2svg.areas.find import FoundAreas
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
-from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.fit.target import Target
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import Focus, from_views, has_alpha, shrunk, views
 from gauss2svg.pipeline.outcome import Export, Exporter, Subject, scaled_to
@@ -257,8 +257,8 @@ def _fitted(
 ) -> FitSession:  # fmt: skip
     """Return a short fit of `count` Gaussians to a picture, above a ground."""
     config = FitConfig(gaussians=count, iterations=steps, fit=fit)
-    targets = TargetPyramid(picture, PSNR, focus=focus, ground=ground)
-    session = FitSession(picture, config, stop=stop, targets=targets)
+    target = Target(picture, PSNR, mask=focus, ground=ground)
+    session = FitSession(target, config, stop=stop)
     session.fit()
     return session
 

@@ -32,14 +32,6 @@ from gauss2svg.photo.pixels import has_alpha, over
 from gauss2svg.svg.file import from_root, stretched
 
 RENDERERS: tuple[str, ...] = get_args(Renderer)
-_MODULES = {
-    "resvg": "libraries",
-    "cairo": "libraries",
-    "chromium": "chromium",
-    "librsvg": "programs",
-    "firefox": "programs",
-    "inkscape": "programs",
-}
 # The functions of these renderers also take the colour of the page.
 BROWSERS = "chromium", "firefox"
 WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # colours of the page in a browser
@@ -208,7 +200,8 @@ def _checked(name: str) -> str:
 def _renderer_function(renderer: str, suffix: str = "") -> Any:
     """Return the function of a renderer: NAME, or NAME_version if the suffix is "_version"."""
     name = _checked(renderer)
-    return resolve_name(f"gauss2svg.raster.{_MODULES[name]}:{name}{suffix}")
+    module = "chromium" if name == "chromium" else "renderers"
+    return resolve_name(f"gauss2svg.raster.{module}:{name}{suffix}")
 
 
 _GAP = r"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+"  # matches white space and comments of CSS

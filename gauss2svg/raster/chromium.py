@@ -27,22 +27,16 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError, quoted
 from gauss2svg.photo.pixels import straight
-from gauss2svg.raster import CLEAR, WHITE, from_png, programs
-from gauss2svg.raster.programs import DRAWING, html
+from gauss2svg.raster import CLEAR, WHITE, from_png, renderers
+from gauss2svg.raster.renderers import DRAWING, html
 
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 # Without the flag for the colour profile, colours would depend on the screen of the machine. The
 # flag for reduced motion shows animated files in their final state. Playwright has an option for
 # reduced motion too, but it has no effect on the images in a page.
 _FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
-_PROGRAMS = (
-    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable",
-    "Google Chrome.app/Contents/MacOS/Google Chrome", "Chromium.app/Contents/MacOS/Chromium",
-    "Google/Chrome/Application/chrome.exe", "Chromium/Application/chrome.exe",
-)  # fmt: skip
 _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
-_SITE, _HTML, _SVG = "http://gauss2svg.invalid/", "text/html", "image/svg+xml"
-_FILE = _SITE + DRAWING
+_SITE = "http://gauss2svg.invalid/"
 _MOVE = "([x, y]) => document.images[0].style = `position: absolute; left: ${x}px; top: ${y}px`"
 _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
 
@@ -55,7 +49,7 @@ def chromium_version() -> str:
         return f"Chromium {_version_beside(path)}"
     # The program prints a line such as "Google Chrome 140.0.1" or "Chromium 156.0.8078.79 built on
     # Debian GNU/Linux".
-    return programs.version_line(path).split(" built on ")[0]
+    return renderers.version_line(path).split(" built on ")[0]
 
 
 def _version_beside(path: str) -> str:
@@ -96,8 +90,7 @@ def _playwright_api() -> Any:
 
 
 def _program() -> str:
-    install = "apt-get install chromium"
-    path = os.environ.get(PROGRAM_VARIABLE) or programs.find("chromium", _PROGRAMS, install)
+    path = os.environ.get(PROGRAM_VARIABLE) or renderers.find("chromium")
     if os.access(path, os.X_OK) and os.path.isfile(path):
         return path
     raise RendererError(
@@ -148,10 +141,12 @@ class _Browser:
         is_clear = color == CLEAR
         total = np.zeros((height, width, 4), np.float32)
         async with self._lock, await self._context(width + 1, height + 1) as context:
-            context.set_default_timeout(programs.TIMEOUT_S * 1000)
+            context.set_default_timeout(renderers.TIMEOUT_S * 1000)
             page = await context.new_page()
-            await page.route(_SITE, lambda r: r.fulfill(body=html(color), content_type=_HTML))
-            await page.route(_FILE, lambda r: r.fulfill(body=svg, content_type=_SVG))
+            await page.route(_SITE, lambda r: r.fulfill(body=html(color), content_type="text/html"))
+            await page.route(
+                _SITE + DRAWING, lambda r: r.fulfill(body=svg, content_type="image/svg+xml")
+            )
             await page.goto(_SITE)
             # wait_for_function() has a time limit. evaluate() has none, so it would wait forever if
             # the page hangs.

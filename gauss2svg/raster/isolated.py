@@ -19,9 +19,6 @@ from gauss2svg.processes import end_of, module_command, python_environment, run
 from gauss2svg.raster import rasterize_sized
 
 _REFUSED = 2  # exit status which says that standard error has a message for the user
-# On Linux, the process may take _BASE_BYTES of memory, plus _BYTES_PER_PIXEL for each pixel of the
-# raster.
-_BASE_BYTES, _BYTES_PER_PIXEL = 4 << 30, 64
 
 
 def draw(
@@ -63,7 +60,8 @@ def main() -> int:
     # such text can get between the pixels.
     os.dup2(2, 1)
     clear = sys.argv[4:] == ["4"]
-    _limit_memory(_BASE_BYTES + _BYTES_PER_PIXEL * width * height)
+    # On Linux, the process may take 4 GiB of memory, plus 64 bytes for each pixel of the raster.
+    _limit_memory((4 << 30) + 64 * width * height)
     try:
         svg = sys.stdin.buffer.read().decode()
         pixels = rasterize_sized(svg, width, height, renderer, clear)

@@ -12,12 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.render.cpu import (
-    Splats,
-    moments_of_gradient,
-    render_planar,
-    splats_from,
-)
+from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar, splats_from
 from gauss2svg.render.reference import shapes_of, torch
 from gauss2svg.scene import whitening_of
 

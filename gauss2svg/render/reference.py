@@ -19,7 +19,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import refusal
 from gauss2svg.render import TorchMissingError, output_size
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene import ABOVE, ADD, MOST_SIGNED, PLAIN, Scene, whitening_of
@@ -93,7 +93,7 @@ def _blended(
     image = background.expand(height, width, 3)  # the background is one colour, or an image
     for k in range(len(mean)):
         share = _coverage if k in plain else _falloff
-        falloff = share(mean[k], sigma[k], rho[k], beta[k], height, width)[:, :, None]
+        falloff = share((mean[k], sigma[k], rho[k], beta[k]), height, width)[:, :, None]
         if additive:
             image = image + falloff * color[k]
         else:
@@ -101,22 +101,18 @@ def _blended(
     return image
 
 
-def _falloff(
-    mean: torch.Tensor,
-    sigma: torch.Tensor,
-    rho: torch.Tensor,
-    beta: torch.Tensor,
-    height: int,
-    width: int,
-) -> torch.Tensor:
-    """Return the falloff (height, width) of one shape, by the formula of gauss2svg.scene.falloff.
+def _falloff(shape: tuple[torch.Tensor, ...], height: int, width: int) -> torch.Tensor:
+    """Return the falloff (height, width) of a shape, by the formula of gauss2svg.scene.falloff.
+
+    shape: mean, sigma, rho and beta.
 
     It is computed in float64 if the device has float64. float32 is too coarse for the offset from a
     distant mean. It is also too coarse for z2 of a thin sheared shape, which is the sum of two
     terms that nearly cancel.
     """
-    dtype = mean.dtype
-    mean, sigma, rho, beta = (t.to(_widest_float(t.device)) for t in (mean, sigma, rho, beta))
+    dtype = shape[0].dtype
+    widest = torch.float32 if shape[0].device.type == "mps" else torch.float64
+    mean, sigma, rho, beta = (tensor.to(widest) for tensor in shape)
     y = torch.arange(height, dtype=mean.dtype, device=mean.device) + 0.5
     x = torch.arange(width, dtype=mean.dtype, device=mean.device) + 0.5
     z1 = (x - mean[0]) / sigma[0]
@@ -133,26 +129,15 @@ def _falloff(
     return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell)).to(dtype)
 
 
-def _coverage(
-    mean: torch.Tensor,
-    sigma: torch.Tensor,
-    rho: torch.Tensor,
-    beta: torch.Tensor,
-    height: int,
-    width: int,
-) -> torch.Tensor:
+def _coverage(shape: tuple[torch.Tensor, ...], height: int, width: int) -> torch.Tensor:
     """Return how much of each pixel (height, width) a plain ellipse covers. It has no gradient."""
-    (x, y), *others = (t.cpu().double().numpy() for t in (mean, sigma[None], rho[None], beta[None]))
-    whitening, radius = whitening_of(*others[:2])[0], covered_radius(others[2])[0]
+    mean = shape[0]
+    (x, y), sigma, rho, beta = (tensor.cpu().double().numpy() for tensor in shape)
+    whitening, radius = whitening_of(sigma[None], rho[None])[0], covered_radius(beta[None])[0]
     w11, w21, w22 = whitening
     v, u = np.mgrid[:height, :width] + 0.5 - np.array([y, x]).reshape(2, 1, 1)
     z = np.stack([w11 * u, w21 * u + w22 * v], axis=-1)
     return torch.tensor(coverage(z, whitening, radius), dtype=mean.dtype, device=mean.device)
-
-
-def _widest_float(device: torch.device) -> torch.dtype:
-    """Return float64, or float32 if the device has no float64."""
-    return torch.float32 if device.type == "mps" else torch.float64
 
 
 def render_reference(
@@ -235,10 +220,8 @@ def _check_domain(name: str, tensor: torch.Tensor) -> None:
     bad = ~((values >= least) & (values <= most))
     if bad.any():
         at = tuple(int(i) for i in np.argwhere(bad)[0])
-        raise InputError(
-            f"{name}{list(at)} must be finite and in {least!r}..{most!r}; got "
-            f"{values[at]!s}. Try clamping it"
-        )
+        needed = f"finite and in {least!r}..{most!r}"
+        raise refusal(f"{name}{list(at)}", needed, str(values[at]), "clamping it")
 
 
 def below_one(dtype: torch.dtype) -> float:

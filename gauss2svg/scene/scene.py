@@ -65,7 +65,6 @@ class Raw:
     activated    function from raw values to those of a scene
     inverse      function from values of a scene to raw values
     least, most  bounds of the raw values
-    first        raw value of a new shape for which the placement does not choose a value
     """
 
     name: str
@@ -73,7 +72,6 @@ class Raw:
     inverse: Callable[[_Values], _Values]
     least: float
     most: float
-    first: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ class Parameter:
     dtype            NumPy type of its array in a scene
     scaled           whether it is in px, so that it is scaled with the canvas
     raw              raw form in a fit; None if it is mean, sigma or rho, or never changes in a fit
-    rate             learning rate in the frame of gauss2svg.fit.adam; 0 if it is not stepped
+    rate             learning rate in the frame of gauss2svg.fit.state; 0 if it is not stepped
     shared           whether all shapes that share a gradient in a file must have the same value. In
                      the last steps of a fit, SharedColors keeps such values equal
     advice           text that follows "Try" in the error for a value out of the domain

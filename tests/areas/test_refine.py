@@ -1,13 +1,15 @@
 """Properties of the refinement of outlines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.render.coverage_reference import coverage_gradient
-from gauss2svg.scene.areas import Outline
+from gauss2svg.render.areas import coverage_of
+from gauss2svg.scene.areas import Area, Outline
 
 OUTLINE = Outline(
     ((4.3, 5.2), (10.1, 1.7), (18.2, 3.3), (20.4, 9.1), (15.2, 20.7), (6.6, 16.4)),
@@ -20,7 +22,7 @@ def drawing_of(outline: Outline, pixels) -> Drawing:
     return Drawing(pixels, Paint(np.zeros(1)), [Paint(np.ones(1))], [Layer(0, [path])], False)
 
 
-def test_samples_are_the_gradient_of_the_readable_twin():
+def test_samples_are_the_gradient_of_the_coverage():
     drawing = drawing_of(OUTLINE, np.zeros((24, 24, 1), np.float32))
     drawing.draw()
     drawing.weigh()
@@ -29,7 +31,15 @@ def test_samples_are_the_gradient_of_the_readable_twin():
     for place, segment, row in zip(pixel, owner, jacobian, strict=True):
         for point, move in zip(drawing.segment[segment], row[:8].reshape(4, 2), strict=True):
             sampled[place, point] += move
-    exact = coverage_gradient(OUTLINE, 0, 0, 24, 24).reshape(sampled.shape)
+    exact = np.empty_like(sampled)
+    for place in np.ndindex(6, 2):
+        shift = np.zeros((6, 2))
+        shift[place] = 1e-3
+        more, less = (
+            coverage_of(Area((replace(OUTLINE, points=points),), (0.0,) * 3), 0, 0, 24, 24)
+            for points in (OUTLINE.points + shift, OUTLINE.points - shift)
+        )
+        exact[:, *place] = (more - less).ravel() / 2e-3
     assert np.abs(sampled - exact).max() < 0.15  # about half a sample of 1/4 px
     total = np.abs(exact).sum(axis=0)
     assert np.abs(sampled.sum(axis=0) - exact.sum(axis=0)).max() < 0.02 * total.max()

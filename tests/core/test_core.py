@@ -20,7 +20,7 @@ import numpy as np
 from gauss2svg.areas.curves import merge_pieces
 from gauss2svg.areas.find import find_areas
 from gauss2svg.fit import FitOptions
-from gauss2svg.fit.adam import blending_of, step
+from gauss2svg.fit.state import columns_of, step
 from gauss2svg.fit.placement import components_of
 from gauss2svg.fit.state import State
 from gauss2svg.render import cpu, render
@@ -46,7 +46,7 @@ for seed in range(int(sys.argv[1])):
         for result in (image, moments, cost):
             digest.update(result.tobytes())
     state = State.of_scene(scene)
-    step(state, moments, splats, blending_of(FitOptions(blend=blend)), 40.0)
+    step(state, moments, splats, columns_of(FitOptions(blend=blend)), 40.0)
     components = components_of(rng.integers(0, 3, (9, 8)).astype(np.int32))
     for result in (state.mean, state.factor, state.color, components):
         digest.update(result.tobytes())

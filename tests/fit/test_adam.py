@@ -5,13 +5,24 @@ import math
 import numpy as np
 import pytest
 
-from gauss2svg.fit import FitOptions, adam
-from gauss2svg.fit.adam import blending_of
-from gauss2svg.fit.state import COLUMN_COUNT, GEOMETRY, State
+from gauss2svg.fit import FitOptions
+from gauss2svg.fit.population import LEAST_SIGMA_ABOVE_AREAS
+from gauss2svg.fit.state import (
+    COLUMN_COUNT,
+    FIRST_DECAY,
+    LEAST_FITTED_SIGMA,
+    LEAST_RIM,
+    MOST_ASPECT,
+    SECOND_DECAY,
+    STEP_BY_BETA,
+    State,
+    columns_of,
+    step,
+)
 from gauss2svg.scene.falloff import RIM_WIDTH
-from gauss2svg.scene.scene import LEAST_RAW_BETA, MOST_RAW_BETA, STEPPED
+from gauss2svg.scene.scene import LEAST_RAW_BETA, MOST_RAW_BETA
 
-OVER = blending_of(FitOptions())
+OVER = columns_of(FitOptions())
 MOST_SIGMA = 40.0
 NAMES = ("mean", "factor", "raw_opacity", "color", "raw_beta", "adam_m", "adam_v", "age")
 
@@ -29,14 +40,13 @@ def random_state(count: int, seed: int) -> State:
 
 
 def step_by_linear_algebra(
-    state, moments, splats, blending, most_sigma, price, rate, least_sigma
+    state, moments, splats, columns, most_sigma, price, rate, least_sigma
 ) -> bool:
-    """The slow twin of adam.step."""
+    """The slow twin of `step`."""
     gradient = moments * [1, 1, 1, 2, 1, 1, 1, 1, 1, 1]
     gradient[:, 5] *= 1 - splats.opacity
     gradient[:, 9] = price - splats.beta * moments[:, 9]
-    sizes = [blending.rates[name] for name in GEOMETRY]
-    sizes += [blending.rates[p.name] for p, _ in STEPPED for _ in range(p.width)]
+    sizes, *bounds = columns.T
     finite = True
     for i in range(len(state)):
         if not np.isfinite(gradient[i]).all():
@@ -47,13 +57,13 @@ def step_by_linear_algebra(
         d = []
         for k in range(COLUMN_COUNT):
             g = gradient[i, k]
-            state.adam_m[i, k] += (1 - adam.FIRST_DECAY) * (g - state.adam_m[i, k])
-            state.adam_v[i, k] += (1 - adam.SECOND_DECAY) * (g * g - state.adam_v[i, k])
-            first = state.adam_m[i, k] / (1 - adam.FIRST_DECAY ** state.age[i])
+            state.adam_m[i, k] += (1 - FIRST_DECAY) * (g - state.adam_m[i, k])
+            state.adam_v[i, k] += (1 - SECOND_DECAY) * (g * g - state.adam_v[i, k])
+            first = state.adam_m[i, k] / (1 - FIRST_DECAY ** state.age[i])
             root = math.sqrt(state.adam_v[i, k]) + 1e-12
-            unbiased = root / math.sqrt(1 - adam.SECOND_DECAY ** state.age[i])
+            unbiased = root / math.sqrt(1 - SECOND_DECAY ** state.age[i])
             d.append(-rate * sizes[k] * first / unbiased)
-        d[:5] = [x * math.exp(state.raw_beta[i]) ** adam.STEP_BY_BETA for x in d[:5]]
+        d[:5] = [x * math.exp(state.raw_beta[i]) ** STEP_BY_BETA for x in d[:5]]
         l11, l21, l22 = state.factor[i]
         lower = np.array([[l11, 0], [l21, l22]])
         state.mean[i] += lower @ d[:2]
@@ -62,14 +72,14 @@ def step_by_linear_algebra(
         u, axes, _ = np.linalg.svd(stretched)
         minor = np.clip(axes[1], least_sigma, most_sigma)
         major = np.clip(axes[0], least_sigma, most_sigma)
-        major = min(major, adam.MOST_ASPECT * minor)
+        major = min(major, MOST_ASPECT * minor)
         shape = np.linalg.cholesky(u @ np.diag([major**2, minor**2]) @ u.T)
         state.factor[i] = shape[0, 0], shape[1, 0], shape[1, 1]
         state.raw_opacity[i] = np.clip(state.raw_opacity[i] + d[5], -8, 12)
         color = state.color[i] + d[6:9]
-        state.color[i] = np.clip(color, blending.least_color, blending.most_color)
-        if blending.rates["beta"]:
-            sharpest = math.log(max(RIM_WIDTH / adam.LEAST_RIM * minor, 1e-300))
+        state.color[i] = np.clip(color, bounds[0][6:9], bounds[1][6:9])
+        if sizes[9]:
+            sharpest = math.log(max(RIM_WIDTH / LEAST_RIM * minor, 1e-300))
             sharpest = min(max(sharpest, LEAST_RAW_BETA), MOST_RAW_BETA)
             moved = max(state.raw_beta[i] + d[9], LEAST_RAW_BETA)
             state.raw_beta[i] = min(moved, sharpest)
@@ -77,7 +87,7 @@ def step_by_linear_algebra(
 
 
 @pytest.mark.parametrize("rate", [0.02, 1.0, 5.0])
-@pytest.mark.parametrize("least", [adam.LEAST_FITTED_SIGMA, adam.LEAST_SIGMA_ABOVE_AREAS])
+@pytest.mark.parametrize("least", [LEAST_FITTED_SIGMA, LEAST_SIGMA_ABOVE_AREAS])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_kernel_steps_as_linear_algebra_does(seed, least, rate):
     fast, rng = random_state(90, seed), np.random.default_rng(seed)
@@ -85,7 +95,7 @@ def test_the_kernel_steps_as_linear_algebra_does(seed, least, rate):
     for _ in range(4):
         moments = rng.normal(size=(90, COLUMN_COUNT)) * 10.0 ** rng.integers(-6, 6, (90, 1))
         splats = fast.splats(np.zeros(3))
-        assert adam.step(fast, moments, splats, OVER, MOST_SIGMA, 0.1, rate, least)
+        assert step(fast, moments, splats, OVER, MOST_SIGMA, 0.1, rate, least)
         assert step_by_linear_algebra(slow, moments, splats, OVER, MOST_SIGMA, 0.1, rate, least)
         for name in NAMES:
             np.testing.assert_allclose(
@@ -98,13 +108,13 @@ def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
     state = random_state(20, 1)
     moments = np.random.default_rng(2).normal(size=(20, COLUMN_COUNT))
     splats = state.splats(np.zeros(3))
-    adam.step(state, moments, splats, OVER, MOST_SIGMA, rate=0.1)
+    step(state, moments, splats, OVER, MOST_SIGMA, rate=0.1)
     good, others = state.copy(), np.arange(20) != 7
-    adam.step(good, moments, splats, OVER, MOST_SIGMA, rate=0.1)
+    step(good, moments, splats, OVER, MOST_SIGMA, rate=0.1)
     for k in range(COLUMN_COUNT):
         spoilt, moved = moments.copy(), state.copy()
         spoilt[7, k] = bad
-        assert not adam.step(moved, spoilt, splats, OVER, MOST_SIGMA, rate=0.1)
+        assert not step(moved, spoilt, splats, OVER, MOST_SIGMA, rate=0.1)
         for name in NAMES:
             array, kept = getattr(moved, name), getattr(state, name)
             forgotten = 0 if name in ("adam_m", "adam_v", "age") else kept[7]

@@ -2,18 +2,16 @@
 
 import numpy as np
 import pytest
-from flat import fit_config, vectorize
+from flat import fit_config, session_of, vectorize
 from pictures import antialiased_badge
 from scenes import random_scene
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from gauss2svg.fit import FitOptions
-from gauss2svg.fit.adam import blending_of
 from gauss2svg.fit.colors import InkColors, SharedColors, best_colors
 from gauss2svg.fit.population import Population
-from gauss2svg.fit.session import FitSession, fit
+from gauss2svg.fit.session import fit
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import target_of
+from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import rasterize
@@ -83,7 +81,7 @@ def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
         seen.append(quantize(scene, palette=8))
         return seen[-1]
 
-    session = FitSession(photo, fit_config(60, 80), as_written=as_written)
+    session = session_of(photo, fit_config(60, 80), as_written=as_written)
     session.fit()
     assert len(seen) == 1
     last, opacity = session.scene(), before[0].opacity
@@ -110,7 +108,7 @@ def state_of(scene) -> State:
 def session():
     """A session on noise whose shapes share twelve colours, and those."""
     pixels = np.random.default_rng(1).random((45, 60, 3)).astype(np.float32)
-    session = FitSession(pixels, fit_config(COUNT, 10))
+    session = session_of(pixels, fit_config(COUNT, 10))
     session.population.state = state_of(
         quantize(random_scene(COUNT, 60, 45, 5, (1, 8), (1, 8)), palette=12)
     )
@@ -124,7 +122,7 @@ def error_of(session, state=None) -> float:
 
 def test_step_keeps_shared_colours_shared_and_goes_down(session):
     state, target = session.state, session.population.target.planar
-    shared = SharedColors.of(state, blending_of(FitOptions()))
+    shared = SharedColors.of(state, np.array([0.0, 1.0]))
     before, error = state.color.copy(), error_of(session)
     for _ in range(10):
         splats = state.splats(session.population.background)
@@ -138,7 +136,7 @@ def test_step_keeps_shared_colours_shared_and_goes_down(session):
 
 def test_exchanged_colours_leave_the_least_error_if_the_others_stay(session):
     state, target = session.state, session.population.target.planar
-    shared = SharedColors.of(state, blending_of(FitOptions()))
+    shared = SharedColors.of(state, np.array([0.0, 1.0]))
     splats = state.splats(session.population.background)
     mass = removal_cost(splats, target)[1][:, 1]
     wanted = shared.nearest(best_colors(state, squared_error(splats, target)[2], mass), state)
@@ -218,7 +216,7 @@ def test_bytes_and_psnr_are_held(picture):
 
 
 def test_reducible_error_is_what_another_ink_would_save_in_any_bands(picture, monkeypatch):
-    target, inks = target_of(picture, np.float32, "psnr"), InkColors(ink_colors(INKS))
+    target, inks = Target(picture, "psnr"), InkColors(ink_colors(INKS))
     whole = inks.inked(picture)
     monkeypatch.setattr("gauss2svg.fit.colors._BAND_PIXELS", 3 * picture.shape[1])
     np.testing.assert_array_equal(inks.inked(picture), whole)
@@ -233,16 +231,16 @@ def test_reducible_error_is_what_another_ink_would_save_in_any_bands(picture, mo
 
 
 def test_exchange_lowers_the_error_and_keeps_to_the_inks(picture):
-    population = Population(picture, fit_config(inks=INKS))
+    population = Population(Target(picture, "psnr"), fit_config(inks=INKS))
     inks, target = population.inks, population.target
     assert inks is not None
     scene = random_scene(50, 80, 64, 5, (1, 8), (1, 8)).replace(opacity=np.ones(50))
     state = State.of(scene.mean, np.zeros((50, 3)), 0, raw_opacity=np.full(50, 12.0))
     population.state = state = state.quantized(scene)
     state.color = inks.color[np.arange(50) % 3]
-    before = target.squares(population.splats())[0]
+    before = target.weighted_squares(target.rendered(population.splats()))
     population.exchange(inks)
-    assert target.squares(population.splats())[0] < before
+    assert target.weighted_squares(target.rendered(population.splats())) < before
     assert (state.color[:, None] == inks.color).all(axis=2).any(axis=1).all()
 
 
@@ -254,7 +252,7 @@ def test_progress_has_decibels_against_the_picture_not_against_its_inks(picture)
         seen.append((now.psnr, metrics.psnr(raster, picture)))
 
     config = fit_config(gaussians=30, iterations=30, inks=inks)
-    FitSession(picture, config, progress=look).fit()
+    session_of(picture, config, progress=look).fit()
     said, true = np.array(seen[-10:]).T
     assert said.max() < 12  # 20 and more against the picture in these inks
     np.testing.assert_allclose(said, true, atol=0.2)

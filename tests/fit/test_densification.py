@@ -6,10 +6,10 @@ import time
 
 import numpy as np
 import pytest
-from flat import fit_config
+from flat import fit_config, session_of
 
 from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, refinement_reduction
-from gauss2svg.fit.session import DensificationPolicy, FitSession
+from gauss2svg.fit.session import DensificationPolicy
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -21,7 +21,7 @@ def test_gaussians_that_gain_less_than_asked_for_are_pruned(photo):
     for gain in (-math.inf, 0.2, 0.5):
         policy = DensificationPolicy(config)
         policy.least_gain = gain
-        session = FitSession(photo, config, policy)
+        session = session_of(photo, config, policy)
         session.fit()
         counts.append(len(session.state))
     assert counts[0] > counts[1] > counts[2] > 0
@@ -29,7 +29,7 @@ def test_gaussians_that_gain_less_than_asked_for_are_pruned(photo):
 
 def test_resized_fit_has_the_count_and_stays_a_good_fit(photo):
     """A fit of fewer Gaussians is worse, and one that has them again nearly as good as before."""
-    session = FitSession(photo, fit_config(400, 100))
+    session = session_of(photo, fit_config(400, 100))
     session.fit()
     scores = [metrics.psnr(render(session.scene()), photo)]
     for count in (200, 400):
@@ -50,7 +50,7 @@ def test_fit_takes_the_time_until_its_deadline_and_no_more(photo, monkeypatch):
     def steps(limit: int, most: int | None) -> int:
         begun = next(ticks)
         config = fit_config(60, most)
-        session = FitSession(photo[::4, ::4], config, deadline=lambda: float(begun + limit))
+        session = session_of(photo[::4, ::4], config, deadline=lambda: float(begun + limit))
         session.fit()
         assert session.result().stop_reason == "time_limit"
         assert len(session.state) == 60
@@ -74,7 +74,7 @@ def large(count, iterations=60, config=None):
         moments = float(session.state.adam_v.sum())
         sizes.append((now.done, session.population.reduction, moments))
 
-    session = FitSession(pixels, config, policy, progress=look)
+    session = session_of(pixels, config, policy, progress=look)
     return session, sizes
 
 

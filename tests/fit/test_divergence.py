@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from flat import fit_config, vectorize
+from flat import fit_config, session_of, vectorize
 
-from gauss2svg.fit.adam import GENTLE, STALLED_STEPS, DivergenceGuard
-from gauss2svg.fit.session import FitSession, fit
+from gauss2svg.fit.session import GENTLE, STALLED_STEPS, DivergenceGuard, fit
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.scene import BLENDS
@@ -19,7 +18,7 @@ def psnr_of(scene, pixels) -> float:
 @pytest.mark.parametrize("rate", [30.0, 1e6])
 def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate):
     photo = photo[::2, ::2]
-    session = FitSession(
+    session = session_of(
         photo,
         fit_config(150, 80, blend=blend, learning_rate=rate),
         progress=lambda now: seen.append(
@@ -45,7 +44,7 @@ def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(p
     assert report["rollbacks"] > 0
     assert any("diverged" in note and "best state" in note for note in report["notes"])
     # A usual rate does not diverge: here every loss that rises has diverged.
-    monkeypatch.setattr("gauss2svg.fit.adam.DIVERGED", 1.0)
+    monkeypatch.setattr("gauss2svg.fit.session.DIVERGED", 1.0)
     usual = vectorize(photo, gaussians=30, iterations=30).report
     assert usual["rollbacks"] > 0
     assert not any("diverged" in note for note in usual["notes"])

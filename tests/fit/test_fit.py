@@ -4,19 +4,18 @@ import itertools
 
 import numpy as np
 import pytest
-from flat import choices, fit_config, fit_in
+from flat import choices, fit_config, fit_in, session_of
 from scenes import random_areas, random_scene, random_sum
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit import PSNR, FitOptions, adam
+from gauss2svg.fit import PSNR, FitOptions
 from gauss2svg.fit import population as population_module
-from gauss2svg.fit.adam import LEAST_SIGMA_ABOVE_AREAS
 from gauss2svg.fit.placement import NewGaussians, place
-from gauss2svg.fit.population import LEAST_OPACITY
+from gauss2svg.fit.population import LEAST_OPACITY, LEAST_SIGMA_ABOVE_AREAS
 from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import FitSession, convert_additive, fit
-from gauss2svg.fit.state import COLUMN_COUNT, State
-from gauss2svg.fit.target import Target, TargetPyramid
+from gauss2svg.fit.state import COLUMN_COUNT, FIRST_DECAY, State, columns_of, step
+from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.photo.pixels import stacked
 from gauss2svg.render import render, render_rgba, tiles
@@ -87,17 +86,6 @@ def test_relocation_raises_psnr(photo):
     assert relocated > without + 0.2
 
 
-def test_new_gaussians_lie_along_the_edge():
-    planar = np.zeros((3, 40, 60), np.float32)
-    planar[:, :, 30:] = 1  # a vertical edge
-    blank = np.full_like(planar, 0.5)
-    blank[:, :, 28:32] = 0.0
-    new = place("error", Target(planar, "psnr"), blank, 20, 20, np.random.default_rng(0))
-    near = np.abs(new.mean[:, 0] - 30) < 3
-    assert near.any()
-    assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
-
-
 @pytest.mark.parametrize("clear", [False, True])
 @pytest.mark.parametrize("count", [1, 40])
 def test_a_fit_above_areas_begins_at_their_error_and_stays_at_a_picture_of_them(count, clear):
@@ -106,8 +94,8 @@ def test_a_fit_above_areas_begins_at_their_error_and_stays_at_a_picture_of_them(
     spot = np.exp(-0.02 * np.square(np.mgrid[:60, :80].T - [20, 50]).sum(axis=-1).T)
     spotted = (1 - 0.6 * spot[:, :, None] * [1, 1, 1, 0][: picture.shape[2]]) * picture
     for target in (picture, spotted.astype(np.float32)):
-        targets = TargetPyramid(target, PSNR, ground=ground)
-        session = FitSession(target, fit_config(count, 60), targets=targets)
+        fitted = Target(target, PSNR, ground=ground)
+        session = FitSession(fitted, fit_config(count, 60))
         before = metrics.psnr(stacked(picture), stacked(target))
         assert session.population.psnr() == pytest.approx(before, abs=0.01) or before > 120
         session.fit()
@@ -122,8 +110,8 @@ def test_shapes_above_areas_are_not_as_thin_as_others():
     picture[5::10, 5::10] = 0
     least = []
     for below in (None, ground):
-        targets = TargetPyramid(picture, PSNR, ground=below)
-        session = FitSession(picture, fit_config(12, 80), targets=targets)
+        fitted = Target(picture, PSNR, ground=below)
+        session = FitSession(fitted, fit_config(12, 80))
         session.fit()
         least.append(session.scene().ellipse_axes[0].min())
     assert least[0] < 0.95 * LEAST_SIGMA_ABOVE_AREAS
@@ -136,7 +124,7 @@ def test_what_renderers_would_not_draw_and_haze_over_what_is_clear_are_pruned(cl
     pixels[:, :30] = [1, 0, 0, 1]
     mean = [[15, 20], [48, 20], [15, 20], [-500, 20]]
     opacity, color = [0.9, 0.1, LEAST_OPACITY / 2, 0.9], [[1.0, 0, 0], *[[0, 1, 0]] * 3]
-    population = FitSession(pixels if clear else pixels[:, :, :3], fit_config(4)).population
+    population = session_of(pixels if clear else pixels[:, :, :3], fit_config(4)).population
     population.state = state_of(
         Scene(60, 40, mean, np.full((4, 2), 5.0), np.zeros(4), color, opacity)
     )
@@ -176,43 +164,29 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     state = state_of(scene)
     splats = state.splats(scene.background)
     moments = squared_error(splats, target)[2]
-    adam.step(state, moments, splats, adam.blending_of(FitOptions()), 40.0)
-    fast = state.adam_m / (1 - adam.FIRST_DECAY)  # Adam's first moment after one step
+    step(state, moments, splats, columns_of(FitOptions()), 40.0)
+    fast = state.adam_m / (1 - FIRST_DECAY)  # Adam's first moment after one step
 
-    step = torch.zeros((6, COLUMN_COUNT), dtype=torch.float64, requires_grad=True)
+    along = torch.zeros((6, COLUMN_COUNT), dtype=torch.float64, requires_grad=True)
     factor = torch.tensor(scene.factor)
-    mean = torch.tensor(scene.mean) + torch.einsum("nij,nj->ni", factor, step[:, :2])
-    a11, a12, a22 = step[:, 2], step[:, 3], step[:, 4]
+    mean = torch.tensor(scene.mean) + torch.einsum("nij,nj->ni", factor, along[:, :2])
+    a11, a12, a22 = along[:, 2], along[:, 3], along[:, 4]
     grow = torch.stack([torch.stack([a11, a12], -1), torch.stack([a12, a22], -1)], -2)
     moved = factor @ torch.matrix_exp(grow)
     covariance = moved @ moved.transpose(1, 2)
     sigma = torch.sqrt(torch.diagonal(covariance, dim1=1, dim2=2))
     rho = covariance[:, 0, 1] / (sigma[:, 0] * sigma[:, 1])
-    opacity = torch.sigmoid(torch.logit(torch.tensor(scene.opacity)) + step[:, 5])
-    color = torch.tensor(scene.color) + step[:, 6:9]
-    beta = torch.tensor(scene.beta) * torch.exp(step[:, 9])
+    opacity = torch.sigmoid(torch.logit(torch.tensor(scene.opacity)) + along[:, 5])
+    color = torch.tensor(scene.color) + along[:, 6:9]
+    beta = torch.tensor(scene.beta) * torch.exp(along[:, 9])
     ground = torch.tensor(scene.background)
     image = composite(mean, sigma, rho, color, opacity, ground, 30, 40, beta)
     (0.5 * (image - torch.tensor(np.moveaxis(target, 0, -1))) ** 2).sum().backward()
-    assert step.grad is not None
+    assert along.grad is not None
     for column in range(COLUMN_COUNT):
-        slow = step.grad[:, column].numpy()
+        slow = along.grad[:, column].numpy()
         scale = np.abs(slow).max()
         np.testing.assert_allclose(fast[:, column] / scale, slow / scale, atol=off)
-
-
-def test_new_gaussians_go_where_the_error_is_selective_ones_with_its_area_and_colour():
-    planar = np.zeros((3, 40, 60), np.float32)
-    planar[1, 10:20, 30:45] = 0.75
-    blank = np.zeros_like(planar)
-    x, y = place("error", Target(planar, "psnr"), blank, 1, 1, np.random.default_rng(0)).mean[0]
-    assert (26 < x < 49, 6 < y < 24) == (True, True)
-    new = place("selective", Target(planar, "psnr"), blank, 1, 1, np.random.default_rng(0))
-    np.testing.assert_allclose(new.mean[0], [37.5, 15])
-    # 15 x 10 px: area and aspect of the rectangle, lying along x
-    sigma = 0.5 * np.sqrt(150 / np.pi) * np.sqrt([1.5, 1 / 1.5])
-    np.testing.assert_allclose(new.factor[0], [sigma[0], 0, sigma[1]], rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(new.color[0], [0, 0.75, 0])
 
 
 @pytest.mark.parametrize(("contrast", "relocates"), [(0.2, True), (1e-3, False)])
@@ -237,38 +211,58 @@ def test_new_additive_gaussians_share_the_residual():
     pixels = np.zeros((64, 64, 3), np.float32)
     pixels[28:36, 28:36] = 1.0
     config = fit_config(60, 10, blend="add", init="error")
-    population = FitSession(pixels, config).population
+    population = session_of(pixels, config).population
     population.background = np.zeros(3)
     population._add(np.zeros((3, 64, 64), np.float32), 60, 60)
     assert 0.7 < population.rendered().max() < 1.5
 
 
-def blank(target: Target) -> np.ndarray:
-    return np.full_like(target.planar, 0.25)
+def placed(kind: str, picture, count: int, rendered=0.25, blend: str = "add") -> NewGaussians:
+    """So many new Gaussians where a picture (h, w, 3) is not yet as rendered."""
+    target = Target(np.asarray(picture, np.float32), "psnr")
+    drawn = np.broadcast_to(np.float32(rendered), target.planar.shape)
+    rng = np.random.default_rng(0)
+    return place(kind, target, drawn, count, count, rng, additive=blend == "add")
+
+
+def test_new_gaussians_go_along_the_edge_where_the_error_is():
+    picture = np.zeros((40, 60, 3))
+    picture[:, 30:] = 1  # a vertical edge
+    rendered = np.full((40, 60), 0.5)
+    rendered[:, 28:32] = 0.0
+    new = placed("error", picture, 20, rendered)
+    near = np.abs(new.mean[:, 0] - 30) < 3
+    assert near.any()
+    assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
+
+
+def test_selective_ones_have_the_area_the_aspect_and_the_colour_of_the_error():
+    picture = np.zeros((40, 60, 3))
+    picture[10:20, 30:45, 1] = 0.75
+    x, y = placed("error", picture, 1, 0).mean[0]
+    assert (26 < x < 49, 6 < y < 24) == (True, True)
+    new = placed("selective", picture, 1, 0, "over")
+    np.testing.assert_allclose(new.mean[0], [37.5, 15])
+    # 15 x 10 px: area and aspect of the rectangle, lying along x
+    sigma = 0.5 * np.sqrt(150 / np.pi) * np.sqrt([1.5, 1 / 1.5])
+    np.testing.assert_allclose(new.factor[0], [sigma[0], 0, sigma[1]], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(new.color[0], [0, 0.75, 0])
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_new_additive_gaussians_have_the_residuals_colour_and_others_the_targets(placement):
-    planar = np.zeros((3, 40, 60), np.float32)
-    planar += np.array([1.0, 0.5, 0.0], np.float32)[:, None, None]
-    target = Target(planar, "psnr")
+    picture = np.full((40, 60, 3), [1.0, 0.5, 0.0])
     for blend, expected in (("over", [1.0, 0.5, 0.0]), ("add", [0.75, 0.25, -0.25])):
-        rng = np.random.default_rng(0)
-        new = place(placement, target, blank(target), 9, 9, rng, blend == "add")
+        new = placed(placement, picture, 9, blend=blend)
         np.testing.assert_allclose(new.color, np.tile(expected, (9, 1)), atol=1e-6)
 
 
-def placed(kind: str, target: Target, count: int) -> NewGaussians:
-    """So many new additive Gaussians on a grey picture of a target."""
-    return place(kind, target, blank(target), count, count, np.random.default_rng(0), additive=True)
-
-
-def test_live_begins_on_the_largest_components_as_the_paper_says():
-    planar = np.full((3, 60, 80), 0.25, np.float32)
-    planar[:, 10:30, 8:28] = 1.0  # 400 px around (18, 20)
-    planar[:, 40:50, 50:60] = 1.0  # 100 px around (55, 45)
-    planar[:, 5, 70] = 0.3  # under the threshold
-    new = placed("live", Target(planar, "psnr"), 6)
+def test_live_begins_on_the_largest_components_of_the_bins_as_the_paper_says():
+    picture = np.full((60, 80, 3), 0.25)
+    picture[10:30, 8:28] = 1.0  # 400 px around (18, 20)
+    picture[40:50, 50:60] = 1.0  # 100 px around (55, 45)
+    picture[5, 70] = 0.3  # under the threshold
+    new = placed("live", picture, 6)
     np.testing.assert_allclose(new.mean[:2], [[18, 20], [55, 45]])
     # sigma = sqrt(A / (r s^2)) units of s / 10 px, r = 0.07, whatever the kernel size s
     for k, area in enumerate((400, 100)):
@@ -276,20 +270,16 @@ def test_live_begins_on_the_largest_components_as_the_paper_says():
         np.testing.assert_allclose(new.factor[k], [sigma, 0, sigma])
     assert len(new.mean) == 6  # the rest at random
     assert len(np.unique(new.mean[2:], axis=0)) == 4
-
-
-def test_live_separates_bins_of_the_residual():
-    planar = np.full((3, 40, 40), 0.25, np.float32)
-    planar[:, 5:35, 5:35] = 0.6  # a frame of one bin around a square of another
-    planar[:, 15:25, 15:25] = 1.0
-    new = placed("live", Target(planar, "psnr"), 2)
+    frame = np.full((40, 40, 3), 0.25)
+    frame[5:35, 5:35] = 0.6  # a frame of one bin around a square of another
+    frame[15:25, 15:25] = 1.0
+    new = placed("live", frame, 2)
     np.testing.assert_allclose(new.factor[:, 0] ** 2 * 7, [900 - 100, 100])
 
 
 def test_random_begins_anywhere_with_every_shape():
-    target = Target(np.random.default_rng(1).random((3, 50, 90)).astype(np.float32), "psnr")
     for count in (40, 2000):
-        new = placed("random", target, count)
+        new = placed("random", np.random.default_rng(1).random((50, 90, 3)), count)
         sigma_y = np.hypot(new.factor[:, 1], new.factor[:, 2])
         sigma, rho = np.stack([new.factor[:, 0], sigma_y]), new.factor[:, 1] / sigma_y
         unit = np.sqrt(50 * 90 / (count * np.pi))  # of a disc with each one's share of the area
@@ -350,7 +340,7 @@ def test_conversion_keeps_the_render_of_an_additive_scene(photo):
 def test_rounds_run_at_full_size_without_reduce(photo, reduce):
     widths = set()
     config = fit_config(64, 40, blend="add", reduce=reduce)
-    session = FitSession(
+    session = session_of(
         photo, config, progress=lambda _: widths.add(session.population.target.width)
     )
     session.fit()

@@ -17,10 +17,8 @@ from gauss2svg.fit.target import (
     Target,
     image_gradient,
     structural_similarity,
-    target_of,
 )
-from gauss2svg.render.cpu import moments_of_gradient, splats_of
-from gauss2svg.render.weights import visible_mass
+from gauss2svg.render.cpu import moments_of_gradient, splats_of, visible_mass
 from gauss2svg.scene import Scene
 
 
@@ -74,7 +72,7 @@ def test_loss_gradient_is_that_of_finite_differences(loss, size, focused):
 @pytest.mark.parametrize("loss", ["mse", own_loss])
 def test_squared_error_has_no_weights_but_the_default_has(loss):
     _, planar = planes(30, 40)
-    scene, target = random_scene(40, 30, 9), Target(planar, "psnr")
+    scene, target = random_scene(40, 30, 9), Target(np.moveaxis(planar, 0, -1), "psnr", np.float64)
     splats = splats_of(scene)
     evaluated = target.evaluate(splats, loss, None)
     [image] = evaluated.rendered
@@ -139,7 +137,7 @@ def spots(x, y, size=64, **more) -> Scene:
 
 def population(pixels, scene=None, **given) -> Population:
     """That of a fit to pixels, with the Gaussians of a scene."""
-    found = Population(pixels, fit_config(40, **given))
+    found = Population(Target(pixels, given.get("tune", "perceptual")), fit_config(40, **given))
     if scene is not None:
         found.adopt(scene)
     return found
@@ -149,7 +147,7 @@ def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
     noise = np.random.default_rng(0).normal(0, 1, (1, 60, 360))
     contrast = np.repeat([0.0, 0.02, 0.06, 0.12, 0.5, 1.0], 60)
     planar = np.repeat(0.5 + noise * contrast, 3, axis=0).astype(np.float32)
-    weight = Target(planar, "perceptual").weight
+    weight = Target(np.moveaxis(planar, 0, -1), "perceptual").weight
     assert weight is not None
     assert weight.mean() == pytest.approx(1, rel=0.02)
     means = np.array([weight[10:-10, x + 15 : x + 45].mean() for x in range(0, 360, 60)])
@@ -163,14 +161,14 @@ def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
 def test_texture_masks_up_to_a_hundred_times_the_median_variance_within_bounds(median):
     most = np.clip(TIMES_MEDIAN * median, LEAST_BOUND, MOST_BOUND)
     contrast = np.repeat([0.0, median**0.5, 0.5], [40, 100, 60])
-    weight = target_of(chequered(40, 200, contrast), np.float64, "perceptual").weight
+    weight = Target(chequered(40, 200, contrast), "perceptual", np.float64).weight
     flat, strong = weight[20, 15], weight[20, 185]
     assert CONTRAST**2 * ((flat / strong) ** 2 - 1) == pytest.approx(most, rel=0.01)
 
 
 @pytest.mark.parametrize("tune", ["perceptual", "psnr"])
 def test_new_gaussians_go_where_an_error_shows(tune):
-    target = target_of(half_flat(), np.float32, tune)
+    target = Target(half_flat(), tune)
     new = place("error", target, target.planar + 0.1, 1000, 1000, np.random.default_rng(0))
     weight = target.weight if tune == "perceptual" else np.ones((64, 64))
     on_flat = (new.mean[:, 0] < 32).mean()

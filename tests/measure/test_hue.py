@@ -7,7 +7,7 @@ from skimage import data
 from skimage.color import rgb2lab
 
 from gauss2svg.errors import InputError
-from gauss2svg.measure.hue import box_mean, chroma, local_hue_error
+from gauss2svg.measure.metrics import box_mean, chroma, local_hue_error
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo.pixels import views
 

@@ -4,7 +4,6 @@ A photo that is reduced while it is decoded is the whole one, reduced afterwards
 """
 
 import io
-import logging
 import re
 import tracemalloc
 import zlib
@@ -12,12 +11,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-import pyvips
 from pictures import chunk, encoded, png, tiff
 from PIL import Image, ImageCms
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo.libvips import samples
 from gauss2svg.photo.load import header_of, load_image
 from gauss2svg.photo.pixels import pixels_of, shrunk
 
@@ -185,25 +182,10 @@ def test_a_tiff_is_never_whole_in_memory():
     assert peak < 3000 * 1000 * 6 / 3
 
 
-def test_warnings_about_a_picture_are_collected_around_those_of_a_picture_inside_it():
-    def picture(text, inside=lambda: None):
-        warn(f"VIPS: {text} begins")
-        inside()
-        warn(f"{text} ends")
-        return pyvips.Image.black(3, 2)
-
-    def failing():
-        warn("damage")
-        raise EOFError
-
-    def inside():
-        found.append(samples(lambda: picture("inner"))[1])
-        with pytest.raises(EOFError):
-            samples(failing)
-
-    warn, found = logging.getLogger("pyvips").warning, []
-    _, warnings = samples(lambda: picture("outer", inside))
-    assert found == [["inner begins", "inner ends"]]
-    assert warnings == ["outer begins", *found[0], "damage", "outer ends"]
-    warn("nobody reads this")
-    assert samples(lambda: picture("later"))[1] == ["later begins", "later ends"]
+def test_the_last_warning_of_a_decoder_is_a_note_and_is_not_logged(caplog):
+    file, place = FILES["JPEG"], FILES["JPEG"].index(b"\xff\xda")
+    notes = load_image(file[:place] + b"\0\0\0" + file[place:]).notes
+    warning = "VipsJpeg: Corrupt JPEG data: 3 extraneous bytes before marker 0xda"
+    assert notes == (f"decoder warns: {warning}",)
+    assert not load_image(file).notes
+    assert not caplog.records

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from flat import fit_config, vectorize
+from flat import fit_config, session_of, vectorize
 from pictures import antialiased_badge, smile
 from scenes import random_scene
 from skimage import data
@@ -294,7 +294,7 @@ def test_best_export_is_the_smallest_near_the_goal(found, best):
 
 
 def fitted(pixels, limits, iterations=60) -> FitSession:
-    session = FitSession(pixels, fit_config(0, iterations), limits)
+    session = session_of(pixels, fit_config(0, iterations), limits)
     session.fit()
     return session
 

@@ -10,8 +10,7 @@ import pytest
 from scenes import random_scene, random_sum
 
 from gauss2svg.areas.find import FoundAreas
-from gauss2svg.measure.hue import local_hue_error
-from gauss2svg.measure.metrics import psnr
+from gauss2svg.measure.metrics import local_hue_error, psnr
 from gauss2svg.photo.pixels import stacked
 from gauss2svg.pipeline.found import with_shared_colors, with_solved_colors
 from gauss2svg.pipeline.options import Options

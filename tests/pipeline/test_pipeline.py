@@ -70,12 +70,12 @@ def test_phases_come_in_order_on_the_threads_that_were_asked_for(photo, capfd):
 
 
 def test_missing_renderer_is_reported_before_the_fit(photo, monkeypatch):
-    from gauss2svg.raster import libraries
+    from gauss2svg.raster import renderers
 
     def missing():
         raise RendererError("no cairo")
 
-    monkeypatch.setattr(libraries, "cairo_version", missing)
+    monkeypatch.setattr(renderers, "cairo_version", missing)
     with pytest.raises(RendererError, match="no cairo"):
         vectorize(photo, renderer="cairo", progress=lambda p: pytest.fail(p.phase), **QUICK)
 

@@ -221,7 +221,7 @@ def test_plain_ellipses_are_planned_as_renderers_draw_them(picture):
     soft = scene.replace(drawn=np.full(len(scene), SOFT))
     model, falloff = (render(one, 64, 64) for one in (scene, soft))
     assert psnr(model, raster) > psnr(falloff, raster) + 1
-    assert found.measured.psnr_roundtrip == pytest.approx(psnr(model, raster), abs=0.01)
+    assert found.measured.scores["psnr_roundtrip"] == pytest.approx(psnr(model, raster), abs=0.01)
 
 
 @pytest.mark.parametrize(("picture", "is_flat"), [(shapes(), True), (hills(), False)])

@@ -18,10 +18,10 @@ from gauss2svg.raster import (
     BROWSERS,
     RENDERERS,
     chromium,
-    programs,
     rasterize,
     refuse_unsupported,
     renderer_version,
+    renderers,
 )
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
@@ -153,7 +153,7 @@ def test_a_program_that_hangs_or_fails_is_an_error(tmp_path):
         ([str(tmp_path / "none")], "none cannot draw the SVG: No such file"),
     ):  # fmt: skip
         with pytest.raises(RendererError, match=f"{line}.*--renderer"):
-            programs.run(command, timeout_s=0.3)
+            renderers.run(command, timeout_s=0.3)
 
 
 def test_chromium_draws_for_many_threads_and_beside_a_running_loop(browser):

@@ -1,10 +1,13 @@
 """Properties of the raster of areas and lines: the kernels, their readable twin and resvg."""
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 import pytest
 from both_renderers import OFF, TORCH, drawn, in_both, tensors_of
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scenes import random_scene, with_levels
 from with_torch import torch
 
@@ -12,13 +15,6 @@ from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.areas import _add_path, coverage_of, draw_areas, ground_of
-from gauss2svg.render.coverage_reference import (
-    SAGITTA,
-    counts_of,
-    coverage_gradient,
-    polygon_of,
-    winding,
-)
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import ABOVE, OVER, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline, RadialGradient
@@ -56,6 +52,66 @@ def moved(outline: Outline, matrix, offset) -> Outline:
     return Outline(tuple(map(tuple, points)), outline.curved, outline.closed)
 
 
+# The readable twin of the kernels of gauss2svg/core/coverage.c.
+SAGITTA = 0.01  # largest distance in px of a curve from the edges of its polygon
+
+
+def counts_of(outline: Outline) -> list[int]:
+    """The numbers of edges by which the kernels draw the segments of an outline."""
+    pairs = zip(outline.segments, outline.curved, strict=True)
+    bends = ((np.hypot(*np.diff(p, 2, axis=0).T).max() if curved else 0) for p, curved in pairs)
+    return [int(np.sqrt(0.75 / SAGITTA * bend)) + 1 for bend in bends]
+
+
+def polygon_of(outline: Outline, counts: Sequence[int]) -> NDArray[np.float64]:
+    """Return the vertices (n, 2) of a closed outline whose segments have so many edges."""
+    parts = []
+    for segment, is_curve, count in zip(outline.segments, outline.curved, counts, strict=True):
+        t = np.arange(count)[:, None] / count
+        start, one, two, end = segment
+        if is_curve:
+            curve = (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * one + 3 * (1 - t) * t**2 * two
+            parts.append(curve + t**3 * end)
+        else:
+            parts.append((1 - t) * start + t * end)
+    return np.concatenate(parts)
+
+
+def winding(
+    polygons: Iterable[NDArray[np.float64]], left: float, top: float, width: int, height: int
+) -> NDArray[np.float64]:
+    """Return the winding number (height, width) of polygons, averaged over each pixel of a box.
+
+    It is the signed area of the part of the polygons that lies inside the pixel.
+    """
+    area = np.zeros((height, width))
+    for polygon in polygons:
+        for row in range(height):
+            strip = _half(_half(polygon, 1, top + row, 1), 1, top + row + 1, -1)
+            for column in range(width):
+                part = _half(_half(strip, 0, left + column, 1), 0, left + column + 1, -1)
+                x, y = (part - [left + column, top + row]).T
+                area[row, column] += 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    return area
+
+
+def _half(polygon: NDArray[np.float64], axis: int, bound: float, side: int) -> NDArray[np.float64]:
+    """Return the part of a polygon (n, 2) on one side of an upright or level line.
+
+    side  1 for coordinates above the bound, and -1 for those below it
+
+    This is a step of the algorithm of Sutherland and Hodgman. An edge that crosses the line gets a
+    vertex there, and vertices on the other side are left out.
+    """
+    before = np.roll(polygon, 1, axis=0)
+    depth, depth_before = (side * (p[:, axis] - bound) for p in (polygon, before))
+    crosses = (depth >= 0) != (depth_before >= 0)
+    share = depth_before / np.where(crosses, depth_before - depth, 1)
+    crossing = before + share[:, None] * (polygon - before)
+    vertices = np.stack([crossing, polygon], axis=1)
+    return vertices[np.stack([crosses, depth >= 0], axis=1)]
+
+
 @given(st.lists(outlines(), min_size=1, max_size=2))
 def test_kernels_cover_what_the_polygons_cover(paths):
     polygons = [polygon_of(path, counts_of(path)) for path in paths]
@@ -89,27 +145,6 @@ def test_turned_and_mirrored_outlines_cover_turned_and_mirrored_pixels(seed, cap
     ):
         area = Area((moved(outline, matrix, offset),), BLACK, width=width, cap=cap)
         np.testing.assert_allclose(coverage_of(area, *WIDE), same, atol=1e-7)
-
-
-@given(st.integers(0, 2**32 - 1), st.booleans())
-def test_gradients_of_coverage_are_finite_differences(seed, curved):
-    outline, box, step = star(seed, curved), (14, 2, 8, 9), 1e-4
-    counts = [100] * len(outline.curved)
-    gradient = coverage_gradient(outline, *box, samples=20_000)
-    target = np.random.default_rng(seed).random((9, 8))
-    error = abs(winding([polygon_of(outline, counts)], *box)) - target
-    for i, k in np.ndindex(len(outline.points), 2):
-        sides = []
-        for sign in (-1, 1):
-            points = np.array(outline.points)
-            points[i, k] += sign * step
-            shifted = Outline(tuple(map(tuple, points)), outline.curved)
-            sides.append(abs(winding([polygon_of(shifted, counts)], *box)))
-        difference = (sides[1] - sides[0]) / (2 * step)
-        np.testing.assert_allclose(gradient[:, :, i, k], difference, atol=0.02)
-        squares = [((side - target) ** 2).sum() for side in sides]
-        exact = (squares[1] - squares[0]) / (2 * step)
-        assert 2 * (error * gradient[:, :, i, k]).sum() == pytest.approx(exact, abs=0.05)
 
 
 SHARP = ((4, 6), (56, 10.3), (28, 19.8), (40, 54.5))  # the first corner is beyond the mitre limit

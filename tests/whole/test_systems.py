@@ -15,7 +15,7 @@ from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError, RendererError
 from gauss2svg.files import expanded, is_device
 from gauss2svg.processes import command_line, end_of
-from gauss2svg.raster import programs
+from gauss2svg.raster import renderers
 
 
 def test_a_crash_is_told_from_an_end_by_the_exit_status():
@@ -36,13 +36,14 @@ def test_a_command_is_shown_as_one_types_it():
 def test_a_program_off_path_is_found_and_one_on_path_comes_first(tmp_path, monkeypatch):
     installed = galleries.program(tmp_path / "Inkscape" / "inkscape", "")
     names = "inkscape", "Inkscape/inkscape"
-    monkeypatch.setattr(programs, "_FOLDERS", [str(tmp_path / "none"), str(tmp_path)])
+    monkeypatch.setattr(renderers, "_FOLDERS", [str(tmp_path / "none"), str(tmp_path)])
+    monkeypatch.setitem(renderers._PROGRAMS, "inkscape", ("it", *names))
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    assert programs.find("inkscape", names, "it") == str(installed)
+    assert renderers.find("inkscape") == str(installed)
     with pytest.raises(RendererError, match="got none on PATH or where it is usually installed"):
-        programs.find("inkscape", names[:1], "it")
+        renderers.find("librsvg")
     own = galleries.program(tmp_path / "bin" / "inkscape", "")
-    assert programs.find("inkscape", names, "it") == str(own)
+    assert renderers.find("inkscape") == str(own)
 
 
 @pytest.mark.skipif(sys.platform != "win32", reason="other systems replace open files")

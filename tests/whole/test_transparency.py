@@ -13,7 +13,7 @@ from scenes import extreme_scenes, random_areas, random_scene, rounding_of
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.fit.placement import place
-from gauss2svg.fit.target import target_of
+from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.photo.pixels import BACKDROPS, BLACK, over, shrunk
 from gauss2svg.raster import BROWSERS, rasterize, rasterize_rgba
@@ -64,7 +64,7 @@ def clear_scene(count, seed, **options):
 def test_gradient_over_both_backdrops_is_that_of_finite_differences(loss, areas, cut_out):
     rgba, rng = shrunk(pixels_of(cut_out), 24, 24), np.random.default_rng(0)
     ground = Scene(24, 24, areas=random_areas(areas, 6, (24, 24))) if areas else None
-    target = target_of(rgba, np.float64, "psnr", ground=ground)
+    target = Target(rgba, "psnr", np.float64, ground=ground)
     scene = clear_scene(5, 1, width=24, height=24, beta=(1.0, 4.0))
     scene = scene.replace(opacity=0.2 + 0.6 * scene.opacity, color=0.1 + 0.8 * scene.color)
     way = {
@@ -75,7 +75,7 @@ def test_gradient_over_both_backdrops_is_that_of_finite_differences(loss, areas,
         moved = {name: getattr(scene, name) + step * by for name, by in way.items()}
         splats = splats_of(scene.replace(**moved))
         if loss == "mse":  # of which `evaluate` tells the value without the weight
-            return target.squares(splats)[0] / 2
+            return target.weighted_squares(target.rendered(splats)) / 2
         return target.evaluate(splats, loss, 0.5).loss
 
     moments = target.evaluate(splats_of(scene), loss, 0.5).moments
@@ -94,15 +94,20 @@ def test_losses_and_removal_costs_are_of_the_errors_over_white_and_over_black(ar
     rgba = shrunk(pixels_of(cut_out), 30, 40)
     scene = clear_scene(9, 2).replace(areas=random_areas(areas, 6))
     ground = scene.select([]) if areas else None
-    target, splats = target_of(rgba, np.float64, "psnr", ground=ground), splats_of(scene)
+    target, splats = Target(rgba, "psnr", np.float64, ground=ground), splats_of(scene)
     drawn = [render(scene.replace(background=np.full(3, b)), dtype=np.float64) for b in BACKDROPS]
     errors = [one - over(rgba, b) for one, b in zip(drawn, BACKDROPS, strict=True)]
     squares = np.sum(np.square(errors) * target.weight[:, :, None])
-    before, (rendered, cost) = target.squares(splats)[0], target.removal_cost(splats)
+    before, (rendered, cost) = (
+        target.weighted_squares(target.rendered(splats)),
+        target.removal_cost(splats),
+    )
     assert before == pytest.approx(squares, rel=1e-6)
     assert before == pytest.approx(target.weighted_squares(rendered), rel=1e-9)
     for i in range(9):
-        without = target.squares(splats_of(scene.select(np.arange(9) != i)))[0]
+        without = target.weighted_squares(
+            target.rendered(splats_of(scene.select(np.arange(9) != i)))
+        )
         assert cost[i, 0] == pytest.approx(without - before, abs=1e-6)
 
 
@@ -110,7 +115,7 @@ def test_losses_and_removal_costs_are_of_the_errors_over_white_and_over_black(ar
 def test_new_gaussians_are_placed_on_visible_pixels_in_visible_colours(placement):
     rgba = np.dstack([np.full((40, 60, 3), [1.0, 0.0, 1.0]), np.zeros((40, 60))])
     rgba[10:30, 20:40] = [0.0, 0.5, 0.25, 0.6]
-    target = target_of(rgba, np.float32, "psnr")
+    target = Target(rgba, "psnr")
     spot = {"color": [[0, 0, 0]], "opacity": [0.9]}  # where nothing should be
     far = Scene(60, 40, mean=[[52, 34]], sigma=[[3, 3]], rho=[0], transparent=True, **spot)
     rendered = target.rendered(splats_of(far))
@@ -121,7 +126,7 @@ def test_new_gaussians_are_placed_on_visible_pixels_in_visible_colours(placement
 
 
 def test_new_gaussians_go_where_alpha_is_too_low_and_not_where_it_is_too_high():
-    target = target_of(np.full((32, 64, 4), 0.5), np.float32, "psnr")
+    target = Target(np.full((32, 64, 4), 0.5), "psnr")
     covered = np.where(np.arange(64) < 32, 0.8, 0.2) * np.ones((32, 1))
     rendered = np.concatenate([[0.5 * covered + (1 - covered) * b] * 3 for b in BACKDROPS])
     errors = np.square(target.planar - rendered).sum(axis=0)

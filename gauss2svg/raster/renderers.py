@@ -1,4 +1,4 @@
-"""Renderers that are programs (librsvg, Inkscape, Firefox), and functions to find and run programs.
+"""Renderers that are libraries (resvg, CairoSVG) or programs (librsvg, Inkscape, Firefox).
 
 librsvg is the renderer of GNOME and of many web services. Its program is rsvg-convert. Inkscape
 draws an SVG as an editor shows it. Firefox has an option to take a screenshot without a window.
@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import resvg_py
 from numpy.typing import NDArray
 
 from gauss2svg import processes
@@ -33,15 +34,32 @@ else:
     _FOLDERS = ["/Applications", os.path.expanduser("~/Applications")]  # used on macOS
 
 
-def find(renderer: str, names: Sequence[str], install: str) -> str:
-    """Return the path of the first program in `names` that is installed.
+# For each renderer: the commands that install its program, for error messages, and the names of the
+# program, which are looked for on PATH. A name with / is a path relative to _FOLDERS.
+_PROGRAMS = {
+    "librsvg": ("apt-get install librsvg2-bin, brew install librsvg", "rsvg-convert"),
+    # The program inkscape.com writes to the terminal. inkscape.exe would open a window.
+    "inkscape": (
+        "apt-get install inkscape, brew install inkscape", "inkscape",
+        "Inkscape.app/Contents/MacOS/inkscape", "Inkscape/bin/inkscape.com",
+        "Inkscape/bin/inkscape.exe",
+    ),
+    "firefox": (
+        "apt-get install firefox-esr", "firefox", "firefox-esr",
+        "Firefox.app/Contents/MacOS/firefox", "Mozilla Firefox/firefox.exe",
+    ),
+    "chromium": (
+        "apt-get install chromium", "chromium", "chromium-browser", "google-chrome",
+        "google-chrome-stable", "Google Chrome.app/Contents/MacOS/Google Chrome",
+        "Chromium.app/Contents/MacOS/Chromium", "Google/Chrome/Application/chrome.exe",
+        "Chromium/Application/chrome.exe",
+    ),
+}  # fmt: skip
 
-    Raise RendererError if none of them is installed.
 
-    names    names of the programs, which are looked for on PATH. A name with / is a path relative
-             to the folders into which installers put programs
-    install  commands that install the program, for the error message
-    """
+def find(renderer: str) -> str:
+    """Return the path of a renderer's program. Raise RendererError if none is installed."""
+    install, *names = _PROGRAMS[renderer]
     for name in names:
         folders = _FOLDERS if "/" in name else [""]
         for path in (os.path.normpath(os.path.join(folder, name)) for folder in folders):
@@ -122,9 +140,56 @@ def html(page: str) -> str:
 """
 
 
+def resvg_version() -> str:
+    """Return the name and version of resvg."""
+    return f"resvg {resvg_py.__resvg_version__}"
+
+
+def resvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
+    """Return the pixels (height, width, 4) of the SVG as resvg draws it."""
+    try:
+        # If dpi is not given, resvg_py draws lengths in mm and the like as 0.
+        png = resvg_py.svg_to_bytes(
+            svg_string=svg, width=width, height=height, skip_system_fonts=True, dpi=96,
+            languages=["en"],
+        )  # fmt: skip
+    except BaseException as error:
+        # If resvg panics, pyo3 raises its PanicException, which is not an Exception but only a
+        # BaseException.
+        if isinstance(error, ValueError) or type(error).__name__ == "PanicException":
+            raise RendererError(f"resvg cannot draw the SVG: {error}") from error
+        raise
+    return from_png(png)
+
+
+def cairo_version() -> str:
+    """Return the name and version of CairoSVG."""
+    return f"CairoSVG {_cairosvg().__version__}"
+
+
+def cairo(svg: str, width: int, height: int) -> NDArray[np.float32]:
+    """Return the pixels (height, width, 4) of the SVG as CairoSVG draws it."""
+    cairosvg, size = _cairosvg(), {"output_width": width, "output_height": height}
+    try:
+        return from_png(cairosvg.svg2png(svg.encode(), unsafe=False, **size) or b"")
+    except Exception as error:  # the parser of CairoSVG may raise an exception of any class
+        raise RendererError(f"CairoSVG cannot draw the SVG: {error!r}") from error
+
+
+def _cairosvg():
+    try:
+        import cairosvg
+    except OSError as error:  # raised if cairocffi has not found the shared library cairo
+        raise RendererError(
+            "renderer cairo needs the cairo system library. Try to install it (apt-get install "
+            "libcairo2, brew install cairo), or --renderer resvg"
+        ) from error
+    return cairosvg
+
+
 def librsvg_version() -> str:
     """Return the name and version of librsvg."""
-    return f"librsvg {version_line(_librsvg_program()).rpartition(' ')[2]}"
+    return f"librsvg {version_line(find('librsvg')).rpartition(' ')[2]}"
 
 
 def librsvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
@@ -132,45 +197,29 @@ def librsvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
     # Without --unlimited, rsvg-convert refuses large files. The SVG comes from standard input, so
     # it has no folder, and rsvg-convert loads no other files for it.
     size = ["--width", str(width), "--height", str(height)]
-    return from_png(
-        run([_librsvg_program(), "--unlimited", *size, "--format=png"], stdin=svg.encode())
-    )
-
-
-def _librsvg_program() -> str:
-    return find("librsvg", ["rsvg-convert"], "apt-get install librsvg2-bin, brew install librsvg")
-
-
-# A surface of cairo may have at most this many px a side. If the raster is larger, Inkscape writes
-# a white image.
-_MAX_SIDE = 32767
+    command = [find("librsvg"), "--unlimited", *size, "--format=png"]
+    return from_png(run(command, stdin=svg.encode()))
 
 
 def inkscape_version() -> str:
     """Return the name and version of Inkscape."""
-    return " ".join(version_line(_inkscape_program()).split()[:2])
+    return " ".join(version_line(find("inkscape")).split()[:2])
 
 
 def inkscape(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Return the pixels (height, width, 4) of the SVG as Inkscape draws it."""
-    if max(width, height) > _MAX_SIDE:
+    # A surface of cairo may have at most 32767 px a side. For larger ones, Inkscape writes a white
+    # image.
+    if max(width, height) > 32767:
         raise RendererError(
-            f"raster of inkscape must be at most {_MAX_SIDE} px a side; got {width}x{height}. "
-            "Try to draw it smaller, or another --renderer"
+            "raster of inkscape must be at most 32767 px a side; got "
+            f"{width}x{height}. Try to draw it smaller, or another --renderer"
         )
     export = "--export-type=png", "--export-area-page", "--export-filename=drawn.png"
     size = f"--export-width={width}", f"--export-height={height}"
     return run_in_folder(
-        "Inkscape", {DRAWING: svg}, lambda _: [_inkscape_program(), *export, *size, DRAWING]
+        "Inkscape", {DRAWING: svg}, lambda _: [find("inkscape"), *export, *size, DRAWING]
     )
-
-
-def _inkscape_program() -> str:
-    mac = "Inkscape.app/Contents/MacOS/inkscape"
-    # The program inkscape.com writes to the terminal. inkscape.exe would open a window.
-    windows = "Inkscape/bin/inkscape.com", "Inkscape/bin/inkscape.exe"
-    install = "apt-get install inkscape, brew install inkscape"
-    return find("inkscape", ["inkscape", mac, *windows], install)
 
 
 # Settings of Firefox. They make the colours independent of the screen's profile and of the graphics
@@ -187,9 +236,6 @@ user_pref("network.proxy.http_port", 9);
 user_pref("network.proxy.ssl", "127.0.0.1");
 user_pref("network.proxy.ssl_port", 9);
 """
-# On Windows the program starts another process for the browser. Without this option the program
-# would end before that process.
-_WAIT = ["--wait-for-browser"] if sys.platform == "win32" else []
 # Firefox does not report an image that it cannot draw, but it gives such an image a wrong size. So
 # this script removes an image of a wrong size from the page. The image has a border, which is a
 # white row of pixels below the image. If the script removes the image, the row is missing too.
@@ -208,7 +254,7 @@ addEventListener("load", () => {{
 
 def firefox_version() -> str:
     """Return the name and version of Firefox."""
-    return version_line(_firefox_program()).removeprefix("Mozilla ")
+    return version_line(find("firefox")).removeprefix("Mozilla ")
 
 
 def firefox(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
@@ -226,9 +272,13 @@ def firefox(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.
 
     def command(folder: Path) -> list[str]:
         # Without --no-remote, a Firefox that the user has already started would open the page.
-        options = ["--headless", "--no-remote", *_WAIT, f"--window-size={width},{height + 1}"]
+        options = ["--headless", "--no-remote", f"--window-size={width},{height + 1}"]
+        if sys.platform == "win32":
+            # The program starts another process for the browser. Without this option the program
+            # would end before that process.
+            options.append("--wait-for-browser")
         screenshot = "--screenshot", str(folder / "drawn.png"), (folder / "page.html").as_uri()
-        return [_firefox_program(), *options, "--profile", str(folder / "profile"), *screenshot]
+        return [find("firefox"), *options, "--profile", str(folder / "profile"), *screenshot]
 
     pixels = run_in_folder("Firefox", files, command)
     # The row below the image is white, because it is the border of the image. If the page has
@@ -237,9 +287,3 @@ def firefox(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.
     if not pixels[height:].all():
         raise RendererError("Firefox cannot draw the SVG: not a supported image")
     return pixels[:height]
-
-
-def _firefox_program() -> str:
-    names = "firefox", "firefox-esr", "Firefox.app/Contents/MacOS/firefox"
-    windows = "Mozilla Firefox/firefox.exe"
-    return find("firefox", [*names, windows], "apt-get install firefox-esr")
