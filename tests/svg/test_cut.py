@@ -11,7 +11,7 @@ from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.areas import Area, Outline
 from gauss2svg.scene.inks import ink_colors, printed_colors
-from gauss2svg.svg.cut import Regions
+from gauss2svg.svg.plates import Regions
 from gauss2svg.svg.write import plate_svg, write_svg
 
 INKS = "#f7c306,#c0322c,#17324d"

@@ -17,7 +17,7 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import PLAIN, Area, LinearGradient, Outline, RadialGradient, Scene
 from gauss2svg.svg import Document, SvgFormat
-from gauss2svg.svg.areas import path_data
+from gauss2svg.svg.element import path_data
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.svg.minimal import as_written
 from gauss2svg.svg.read import read_svg

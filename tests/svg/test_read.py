@@ -19,7 +19,7 @@ from gauss2svg.render import render
 from gauss2svg.scene import BLURRED, PLAIN, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.scene.scene import PARAMETERS
-from gauss2svg.svg import STOP_COUNTS, Document, Form, SvgFormat, minimal_shapes
+from gauss2svg.svg import STOP_COUNTS, Document, Form, SvgFormat, minimal
 from gauss2svg.svg.forms import BLURS, GRADIENT, as_written, is_plain
 from gauss2svg.svg.minimal import as_written as minimal_as_written
 from gauss2svg.svg.minimal import minimal_svg
@@ -90,7 +90,7 @@ def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
 ):
     scene = mixed_scene(count, seed)
     written = SvgFormat(markup="minimal", precision=precision, stops=stops)
-    with patch.object(minimal_shapes, "MOST_MASKED", most_masked):
+    with patch.object(minimal, "MOST_MASKED", most_masked):
         svg = write_svg(scene, written)
         back = read_svg(svg)
         assert_read_as(back, minimal_as_written(scene, precision, 6))

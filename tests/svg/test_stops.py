@@ -6,7 +6,7 @@ from stops import optimised_stops
 
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg import STOP_COUNTS
-from gauss2svg.svg.stops import FEWEST_STOPS, gradient_stops, known_stops
+from gauss2svg.svg.forms import FEWEST_STOPS, gradient_stops, known_stops
 
 # Root mean square error over the disc and largest error, by number of stops, at beta = 1:
 # docs/decisions/svg.md states them.
