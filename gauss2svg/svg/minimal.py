@@ -57,7 +57,6 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
 from itertools import groupby
 from xml.sax.saxutils import escape
 
@@ -755,27 +754,23 @@ def colors_together(mean: Floats, factor: Floats, color: Ints, key: Floats, marg
         begins = np.flatnonzero(np.diff(row, prepend=-1))
         for i, over in zip(row[begins].tolist(), np.split(column, begins[1:]), strict=False):
             above[i] = over.astype(np.int32) if len(over) <= _MOST_REMEMBERED else None
-    kind_of, undrawn = kind.tolist(), np.bincount(kind).tolist()
+    kind_of, undrawn = kind.tolist(), np.bincount(kind)
     ready: list[list[int]] = [[] for _ in undrawn]
-    # A heap of pairs: the share of a colour, with a minus, and the colour. Some are out of date.
-    shares: list[tuple[float, int]] = []
-    order, now_ready = [np.zeros(0, np.intp)], np.flatnonzero(waiting == 0).tolist()
-    while now_ready or shares:
+    ready_count, order = np.zeros(len(undrawn)), [np.zeros(0, np.intp)]
+    now_ready = np.flatnonzero(waiting == 0).tolist()
+    while undrawn.any():
         for i in now_ready:
             ready[kind_of[i]].append(i)
-        for k in {kind_of[i] for i in now_ready}:
-            heappush(shares, (-len(ready[k]) / undrawn[k], k))
-        share, k = heappop(shares)
-        now_ready = []
-        if ready[k] and -share == len(ready[k]) / undrawn[k]:
-            chosen = np.sort(ready[k])
-            order.append(chosen[np.lexsort(key[:, chosen])])
-            undrawn[k] -= len(chosen)
-            ready[k] = []
-            for i in chosen.tolist():
-                over = above[i]
-                if over is None:
-                    over = next(overlaps(*ellipses, np.array([i])))[1]
-                waiting[over] -= 1
-                now_ready += over[waiting[over] == 0].tolist()
+            ready_count[kind_of[i]] += 1
+        k = int((ready_count / np.maximum(undrawn, 1)).argmax())
+        chosen = np.sort(ready[k])
+        order.append(chosen[np.lexsort(key[:, chosen])])
+        undrawn[k] -= len(chosen)
+        ready[k], ready_count[k], now_ready = [], 0, []
+        for i in chosen.tolist():
+            over = above[i]
+            if over is None:
+                over = next(overlaps(*ellipses, np.array([i])))[1]
+            waiting[over] -= 1
+            now_ready += over[waiting[over] == 0].tolist()
     return np.concatenate(order)

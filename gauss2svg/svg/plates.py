@@ -34,6 +34,7 @@ from gauss2svg.scene.inks import ink_colors, ink_name, inks_of_scene, oklab
 from gauss2svg.svg import MOST_TRAP
 from gauss2svg.svg.element import Floats
 from gauss2svg.svg.minimal import color_levels, colors_together, overlaps, projections
+from gauss2svg.svg.read_values import windings
 
 if TYPE_CHECKING:  # not at run time, because only cut files need shapely
     from shapely.geometry.base import BaseGeometry
@@ -273,18 +274,6 @@ def _filled(shapely: Any, rings: list[Floats]) -> BaseGeometry:
         return polygon
     edges = shapely.union_all([shapely.LineString(ring) for ring in rings])
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(edges)))
-    inside = [face for face in faces if _winding(face.representative_point(), rings)]
-    return shapely.union_all(inside)
-
-
-def _winding(point: Any, rings: list[Floats]) -> int:
-    """Return how often rings run around a point, one way minus the other."""
-    total = 0
-    for ring in rings:
-        x, y = ring.T
-        (x0, x1), (y0, y1) = (x[:-1], x[1:]), (y[:-1], y[1:])
-        crosses = (y0 > point.y) != (y1 > point.y)
-        share = (point.y - y0[crosses]) / (y1 - y0)[crosses]
-        right = x0[crosses] + share * (x1 - x0)[crosses] > point.x
-        total += int(np.sign(y1 - y0)[crosses][right].sum())
-    return total
+    points = shapely.get_coordinates([face.representative_point() for face in faces])
+    winding = sum(windings(ring[:-1], points) for ring in rings)
+    return shapely.union_all(faces[winding != 0])

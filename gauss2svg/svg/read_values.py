@@ -563,14 +563,14 @@ def nonzero(outlines: tuple[Outline, ...]) -> tuple[Outline, ...]:
     places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     run = np.array([_area(polygon) for polygon in polygons])
     inside = np.array([_inside(polygon, sign) for polygon, sign in zip(polygons, run, strict=True)])
-    depth, before, after = np.zeros(len(run), int), np.zeros(len(places)), np.zeros(len(places))
-    for k, polygon in enumerate(polygons):
-        depth += (_windings(polygon, inside) % 2 != 0) & (np.arange(len(run)) != k)
+    # How often each outline runs around a point inside of each other one, and around the places
+    places = np.concatenate([inside, places])
+    winding = np.array([windings(polygon, places).astype(np.int16) for polygon in polygons])
+    around, count = winding[:, : len(run)] % 2 != 0, len(run)
+    depth = around.sum(axis=0) - around.diagonal()
     forward = (run > 0) == (depth % 2 == 0)
-    for polygon, is_forward in zip(polygons, forward, strict=True):
-        winding = _windings(polygon, places)
-        before, after = before + winding, after + (winding if is_forward else -winding)
-    if ((before % 2 != 0) != (after != 0)).any():
+    after = (winding[forward].sum(axis=0) - winding[~forward].sum(axis=0))[count:]
+    if ((winding.sum(axis=0)[count:] % 2 != 0) != (after != 0)).any():
         raise refusal("its fill-rule", "nonzero where outlines cross", "'evenodd'", "to split it")
     return tuple(
         outline if is_forward
@@ -601,7 +601,7 @@ def _inside(polygon: Floats, area: float) -> Floats:
     return polygon[k] + edges[k] / 2 + 1e-4 * np.sign(area) * normal
 
 
-def _windings(polygon: Floats, points: Floats) -> Floats:
+def windings(polygon: Floats, points: Floats) -> Floats:
     """Return how often a polygon runs around each of the points (n, 2)."""
     (x, y), (u, v) = polygon.T, np.roll(polygon, -1, axis=0).T
     turns = np.sign(v - y)
