@@ -34,14 +34,12 @@ def _each(names: str, value: Any) -> dict[str, Any]:
 # a match linear.
 _NEVER = "(?!)"
 NUMBER = r"[+-]?(?>\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?"
-_NUMBERS = rf"(?:\s*+,?+\s*+{NUMBER})*+\s*+"
 _SHARE = rf"\s*{NUMBER}%?"
 _SIDE = (
     r"[+-]?(?:(?>\d(?:\.\d+)?|\.\d+)[eE]\+?0?[0-6](?!\d)"
     r"|(?>\d{1,7}(?!\d)(?:\.\d+)?|\.\d+)(?:[eE]-\d+)?)(?:px|mm|cm|in|pt|pc|em|%)?"
 )
 _LENGTH = rf"\s*{_SIDE}"
-_ABOVE_ZERO = rf"(?!\s*(?:-|[0.]+(?:[a-z%]|\Z))){_LENGTH}"
 _NAMES = "|".join(["transparent", *sorted(ImageColor.colormap.keys() - {"rebeccapurple"})])
 _N, _PERCENT = rf"\s*{NUMBER}\s*", rf"\s*{NUMBER}%\s*"
 _COLOR = (
@@ -51,25 +49,21 @@ _COLOR = (
     rf"|hsla?\({_N}(?:,{_PERCENT}){{2}}(?:,{_N})?\)|hsl\({_N}(?:\s{_PERCENT}){{2}}\))"
 )
 _URL = r"""url\(\s*(?:#[^"'()\\%]*|"#[^"\\%]*"|'#[^'\\%]*')\s*\)"""
-_LINK = r"(?s:#[^\s%]*|\s*(?i:data):.*)|"
-_PLAIN = "none|currentColor|context-fill|context-stroke"
-_PAINT = rf"\s*(?:{_COLOR}|{_PLAIN}|{_URL}(?:\s+(?:none|currentColor|{_COLOR}))?)\s*"
+_PAINT = (
+    rf"\s*(?:{_COLOR}|none|currentColor|context-fill|context-stroke"
+    rf"|{_URL}(?:\s+(?:none|currentColor|{_COLOR}))?)\s*"
+)
 _COMMA = r"\s*+,?+\s*+"
-_NO_ZERO, _ALIGN = r"(?![+-]?[0.]+(?:[\s,]|\Z))", "(?:Min|Mid|Max)"
-_ARGUMENTS = rf"\s*+\(\s*+{NUMBER}(?:{_COMMA}{NUMBER})*+\s*+\)"
-_CALL = rf"(?:translate|scale|rotate|skewX|skewY|matrix){_ARGUMENTS}"
-_TRANSFORM = rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+"
-# CSS takes no blank between numbers, and resvg takes no unit. This leaves what has no unit.
-_CSS_TRANSFORM = rf"none|(?:(?:scale|matrix)\({_N}(?:,{_N})*+\)\s*+)++"
+_ALIGN = "(?:Min|Mid|Max)"
+_CALL = (
+    "(?:translate|scale|rotate|skewX|skewY|matrix)"
+    rf"\s*+\(\s*+{NUMBER}(?:{_COMMA}{NUMBER})*+\s*+\)"
+)
 _ABSOLUTE = rf"(?:0|{NUMBER}(?:px|mm|cm|in|pt|pc|em))"
 _FUNCTIONS = (
     rf"(?:\s*(?:blur\({_ABSOLUTE}?\)|hue-rotate\({NUMBER}(?:deg|grad|rad|turn)\)"
     rf"|(?:brightness|contrast|grayscale|invert|opacity|saturate|sepia)\((?:{NUMBER}%?)?\)"
     rf"|drop-shadow\((?:{_COLOR}\s+)?{_ABSOLUTE}(?:\s+{_ABSOLUTE}){{1,2}}(?:\s+{_COLOR})?\)))+"
-)
-_BLENDS = (
-    "multiply|screen|overlay|darken|lighten|color-dodge|color-burn|hard-light|soft-light|difference"
-    "|exclusion|hue|saturation|color|luminosity|normal"
 )
 # The values of properties that are drawn right. `inherit` and `initial` are drawn right too.
 _PROPERTIES = {
@@ -92,7 +86,8 @@ _PROPERTIES = {
     "visibility": "visible|hidden|collapse",
     "overflow": "visible|hidden|auto|scroll",
     "isolation": "auto|isolate",
-    "mix-blend-mode": _BLENDS,
+    "mix-blend-mode": "multiply|screen|overlay|darken|lighten|color-dodge|color-burn|hard-light"
+    "|soft-light|difference|exclusion|hue|saturation|color|luminosity|normal",
     "paint-order": r"normal|(?:fill|stroke|markers)(?:\s+(?:fill|stroke|markers)){0,2}",
     "mask-type": "luminance|alpha",
     "vector-effect": "none",
@@ -100,7 +95,8 @@ _PROPERTIES = {
     "color-interpolation": "auto|sRGB",
     "color-interpolation-filters": "sRGB|linearRGB",
     "background-color": rf"{_COLOR}|none",
-    "transform": _CSS_TRANSFORM,
+    # CSS takes no blank between numbers, and resvg takes no unit. This leaves what has no unit.
+    "transform": rf"none|(?:(?:scale|matrix)\({_N}(?:,{_N})*+\)\s*+)++",
 }
 # Properties that are no attributes, or attributes of another syntax.
 _CSS_ONLY = ["mix-blend-mode", "isolation", "background-color", "marker", "transform"]
@@ -112,14 +108,17 @@ _ATTRIBUTES = {
     **_each("dx dy", NUMBER),
     "offset": _SHARE,
     "points": r"[-+.,eE\d\s]*+",
-    "stdDeviation": _NUMBERS,
+    "stdDeviation": rf"(?:\s*+,?+\s*+{NUMBER})*+\s*+",
     # Chromium draws nothing if a side is 0.
-    "viewBox": rf"(?:{_COMMA}{NUMBER}){{2}}(?:{_COMMA}{_NO_ZERO}{NUMBER}){{2}}\s*+",
+    "viewBox": rf"(?:{_COMMA}{NUMBER}){{2}}(?:{_COMMA}(?![+-]?[0.]+(?:[\s,]|\Z)){NUMBER}){{2}}\s*+",
     "preserveAspectRatio": rf"\s*(?:none|x{_ALIGN}Y{_ALIGN})?(?:\s+(?:meet|slice))?\s*",
-    **_each("transform gradientTransform patternTransform", _TRANSFORM),
+    **_each(
+        "transform gradientTransform patternTransform",
+        rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+",
+    ),
     "orient": r"auto|auto-start-reverse|-?[\d.]+",
     **_each("pathLength requiredFeatures", _NEVER),
-    **_each(f"href {XLINK}href", _LINK),
+    **_each(f"href {XLINK}href", r"(?s:#[^\s%]*|\s*(?i:data):.*)|"),
     "systemLanguage": r"[a-z]{2}(?:-[A-Z]{2})?(?:,\s*[a-z]{2}(?:-[A-Z]{2})?)*",
     # resvg also reads attributes of these namespaces.
     **{space + name: _NEVER for space in (SVG, XLINK) for name in ("style", *_PROPERTIES)},
@@ -136,7 +135,7 @@ _EXCEPTIONS: dict[str, dict[str, str | None]] = {
     **_each("path line polyline polygon use", MARKERS),
     # draw.io ends its files with an empty group of this feature, which browsers and resvg skip.
     "g": {**MARKERS, "requiredFeatures": ".*#Extensibility"},
-    "svg": {**MARKERS, **_each("width height", _ABOVE_ZERO)},
+    "svg": {**MARKERS, **_each("width height", rf"(?!\s*(?:-|[0.]+(?:[a-z%]|\Z))){_LENGTH}")},
     "a": {**MARKERS, **_each(f"href {XLINK}href", None)},
     "script": _each(f"href {XLINK}href", None),
     **_each("clipPath linearGradient radialGradient", _each("display", "inline|block")),
@@ -179,11 +178,7 @@ _WITHOUT_EFFECT = re.compile(
 _BOX = re.compile(
     r"(?:padding|margin|border|inset|background)(?:-.*)?|position|left|top|right|bottom|box-shadow"
 )
-_EMPTY_BOX = (
-    r"(?:(?:0(?:px|%)?|none|auto|static|relative|transparent|(?i:white|#fff|#ffffff))(?:\s+|\Z))+"
-)
 FONT_SIZE = rf"(?!-){NUMBER}(?:px|pt|em|%)?|none|inherit"  # the sizes that resvg reads
-_NEUTRAL = "none|auto|normal|0|1"  # values that change nothing, of whatever property
 
 
 @lru_cache(maxsize=4096)
@@ -199,8 +194,11 @@ def _pattern(element: str, name: str, is_css: bool) -> str | None:
     if not is_css:
         return _ATTRIBUTES.get(name)
     if _BOX.fullmatch(name):
-        return _EMPTY_BOX if element == ROOT else None
-    return None if _WITHOUT_EFFECT.fullmatch(name) else f"{_NEUTRAL}|inherit|initial"
+        empty = "0(?:px|%)?|none|auto|static|relative|transparent|(?i:white|#fff|#ffffff)"
+        return rf"(?:(?:{empty})(?:\s+|\Z))+" if element == ROOT else None
+    # Values that change nothing, of whatever property.
+    neutral = "none|auto|normal|0|1|inherit|initial"
+    return None if _WITHOUT_EFFECT.fullmatch(name) else neutral
 
 
 @lru_cache(maxsize=4096)

@@ -106,9 +106,7 @@ def read_source(
 
 
 def _decoded(data: bytes, name: str) -> str:
-    declared = re.match(
-        rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""", data
-    )
+    declared = re.match(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""", data)
     encoding = _encoding(declared[1].decode()) if declared else "utf-8"
     encoding = "utf-16" if data.startswith(UTF16_MARKS) else encoding
     try:

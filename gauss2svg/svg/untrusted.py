@@ -21,6 +21,7 @@ import warnings
 from collections import Counter
 from contextlib import suppress
 from functools import lru_cache
+from itertools import chain
 from typing import Any
 from urllib.parse import unquote_to_bytes
 
@@ -73,16 +74,9 @@ _LOADING = re.compile(
 _NAMESPACE = re.compile(
     r"""(?<![\w\\-])@namespace\s++(?:[\w-]++\s++)?url\(["']?[^\s"'()*;{}\\]*+["']?\)""", re.ASCII
 )
-_MOST_REMARKS = 20  # the largest number of remarks on a file, of which a note has the first few
-_MOST_CSS = 1_000_000  # the largest length of all style sheets, because tinycss2 takes 3 s for it
 # Elements that resvg draws otherwise than Chromium, or not at all.
 _OTHERWISE = {"feMorphology", "feDisplacementMap", "feDiffuseLighting", "feSpecularLighting"}
 _OTHERWISE |= {"feConvolveMatrix", "feImage", "feTile"}
-# Filter primitives that resvg places wrongly in what is rotated or skewed.
-_PLACED = {"feOffset", "feFlood", "feDropShadow", "feTurbulence"}
-_SUBREGION = {"x", "y", "width", "height"}
-# Elements that resvg chooses in a <switch> if they come first. Browsers skip them.
-_NOT_SWITCHED = {"title", "desc", "metadata", "style", "defs"}
 _ATTRIBUTE = rf"""\[[\w-]++(?:[~|]?=(?:"[^"\\]*+"|'[^'\\]*+'|{IDENT}))?\]"""
 _COMPOUND = rf"(?:\*|{IDENT})?+(?:[.#]{IDENT}|:first-child|{_ATTRIBUTE})*+"
 # Selectors that resvg applies as browsers do.
@@ -105,10 +99,6 @@ _REFERENCES = {
 }
 # Elements with a note of their own, whose attributes have other meanings.
 _ANIMATIONS = {"animate", "animateTransform", "animateMotion", "animateColor", "set"}
-# The bytes near the end of a whole file. A file without them is decoded to see if it is broken.
-_ENDS = {"PNG": b"IEND", "JPEG": b"\xff\xd9", "GIF": b";"}
-# The media types with which resvg and Chromium draw each format of embedded images.
-_MEDIA_TYPES = {"PNG": ["png"], "JPEG": ["jpeg", "jpg"], "GIF": ["gif"], "WEBP": ["webp"]}
 
 
 class Survey:
@@ -261,14 +251,13 @@ class Drawable:
         self._is_first, self._is_qualified = True, True
         # For each name of an element, .class and #id: the kinds of element that have it.
         self._kinds: dict[str, frozenset[str]] = {}
-        self._all, self._sheets, self._css_length = frozenset[str](), list[str](), 0
+        self._all, self._sheets = frozenset[str](), list[str]()
         # The names of each element with what is important in its style, and for each important
         # declaration of a sheet, the names that an element must have.
         self._named = set[tuple[frozenset[str], frozenset[Declaration]]]()
         self._important = set[tuple[frozenset[str], Declaration]]()
-        # The kind of element of each id, or "" if several elements have it. Ids are kept only if
-        # they may be needed, like references: pairs of a property and an id.
-        self._has_references = "#" in text
+        # The kind of element of each id, or "" if several elements have it. References are pairs of
+        # a property and an id.
         self._ids, self._references = dict[str, str](), set[tuple[str, str]]()
         # For the id of each filter: remarks on it, and the primitive in it that may be misplaced.
         self._filter, self._in_filters = "", dict[str, dict[str, None]]()
@@ -289,10 +278,12 @@ class Drawable:
         name = element = tag.removeprefix(SVG)
         if self._is_first:
             self._is_first, self._is_qualified, element = False, tag != name, ROOT
-        if self._before == "switch" and ("}" in name or name in _NOT_SWITCHED):
+        # resvg chooses such elements in a <switch> if they come first. Browsers skip them.
+        skipped = {"title", "desc", "metadata", "style", "defs"}
+        if self._before == "switch" and ("}" in name or name in skipped):
             self.add(f"<{name.rpartition('}')[2][:40]}> in <switch>")
         self._before = name
-        if self._has_references and (key := attributes.get("id")):
+        if key := attributes.get("id"):
             self._ids[key] = "" if key in self._ids else name
         if "}" in name:
             return  # no renderer draws an element of another namespace
@@ -364,11 +355,13 @@ class Drawable:
             if not re.fullmatch(r"\s*(?:0?\.\d+|[01](?:\.0*)?)\s*", attributes.get("values", "1")):
                 _keep(remarks, "a saturation above 1 by <feColorMatrix>")
         elif name.startswith("fe"):
-            if name in _PLACED:
+            # resvg places such primitives wrongly in what is rotated or skewed.
+            if name in ("feOffset", "feFlood", "feDropShadow", "feTurbulence"):
                 self._placed[self._filter] = name
-            if self._has_own_units and _SUBREGION & attributes.keys():
+            sides = {"x", "y", "width", "height"} & attributes.keys()
+            if sides and self._has_own_units:
                 _keep(remarks, f"<{name[:40]}> with a size in primitiveUnits")
-            elif 0 < len(_SUBREGION & attributes.keys()) < 4:
+            elif 0 < len(sides) < 4:
                 _keep(remarks, f"<{name[:40]}> with a part of x, y, width and height")
         elif not MARKERS.keys().isdisjoint(attributes):
             # Markers turn otherwise at the end of a closed path. In arcs their number is another.
@@ -393,16 +386,17 @@ class Drawable:
             self.add(f'type="{_brief(kind)}" on <style>')
         if media not in ("", "all", "screen"):
             self.add(f'media="{_brief(media)}" on <style>')
-        self._css_length += len(text)
         self._sheets.append(text)
 
     def remarks(self) -> tuple[str, ...]:
-        """Return remarks such as "fill: oklch(...) on <rect>", at most _MOST_REMARKS."""
-        if self._css_length > _MOST_CSS:
-            self.add(f"style sheets of more than {_MOST_CSS // 1000} kB")
+        """Return remarks such as "fill: oklch(...) on <rect>", at most 20."""
+        if sum(map(len, self._sheets)) > 1_000_000:  # for which tinycss2 takes 3 s
+            self.add("style sheets of more than 1000 kB")
         else:
-            for text in self._sheets:
-                self._check_sheet(text)
+            if any("<!--" in text for text in self._sheets):
+                self.add("<!-- in a style sheet")
+            for rule in chain.from_iterable(map(rules_of, self._sheets)):
+                self._check_rule(*rule)
         if self._has_important and self._has_conflict():
             self.add("!important more than once")
         for name, key in sorted(self._references):
@@ -425,12 +419,6 @@ class Drawable:
             if key in self._placed:
                 self.add(f"<{self._placed[key]}> beside a rotation or a skew")
         return tuple(self._found)
-
-    def _check_sheet(self, text: str) -> None:
-        if "<!--" in text:
-            self.add("<!-- in a style sheet")
-        for at_rule, selector, css in rules_of(text):
-            self._check_rule(at_rule, selector, css)
 
     def _check_rule(self, at_rule: str, tokens: list[Any], css: Css) -> None:
         """Check the declarations of a rule for each kind of element that its selector may match."""
@@ -508,17 +496,13 @@ class Drawable:
         for name, value, _ in css.by_browsers:
             if name in ("font", "font-size"):
                 self._check_font(name, value if is_applied and css.is_same else "(", place)
-            elif name in ("animation", "animation-name") and value not in (
-                "none",
-                "initial",
-                "unset",
-            ):
-                self.is_animated = True
+            elif name in ("animation", "animation-name"):
+                self.is_animated |= value not in ("none", "initial", "unset")
 
 
 def _keep(remarks: dict[str, None], remark: str) -> None:
-    """Add a remark, if there are not too many yet."""
-    if len(remarks) < _MOST_REMARKS:
+    """Add a remark, if there are not 20 yet. A note has the first few."""
+    if len(remarks) < 20:
         remarks[remark] = None
 
 
@@ -530,7 +514,7 @@ def picture_remark(picture: Image.Image, data: bytes, declared: str) -> str | No
     """
     kind, info = picture.format or "", picture.info
     media_type = declared.partition(";")[0].strip().lower()
-    types = [f"image/{each}" for each in _MEDIA_TYPES[kind]]
+    types = [f"image/{kind.lower()}", *["image/jpg"] * (kind == "JPEG")]
     if media_type not in ("", "text/plain", *types):
         return f"a {kind} declared as {media_type[:40]}"
     if kind != "WEBP" and _is_turned(info.get("exif") or b""):
@@ -539,7 +523,9 @@ def picture_remark(picture: Image.Image, data: bytes, declared: str) -> str | No
         return f"a {kind} in CMYK or without luminance"
     if getattr(picture, "is_animated", False):
         return f"an animated {kind}"
-    if _ENDS.get(kind, b"") not in data[-32:] and _is_broken(picture):
+    # A file without these bytes near its end is decoded to see if it is broken.
+    ends = {"PNG": b"IEND", "JPEG": b"\xff\xd9", "GIF": b";"}
+    if ends.get(kind, b"") not in data[-32:] and _is_broken(picture):
         return f"a broken {kind}"
     profile = info.get("icc_profile") or b"sRGB"
     has_gamma = "srgb" not in info and abs(info.get("gamma", 0.45455) - 0.45455) > 0.001
