@@ -46,7 +46,7 @@ A file of outlines has a stroke along the contour at which the falloff of each s
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from types import MappingProxyType
 from typing import NamedTuple
@@ -57,7 +57,7 @@ from numpy.typing import ArrayLike, NDArray
 from gauss2svg import portable
 from gauss2svg.options import Field
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, SOFT, Scene
-from gauss2svg.scene.areas import Area, AreaCounts, counted_areas
+from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.falloff import (
     BETA_CLASSES,
     RIM_WIDTH,
@@ -267,7 +267,8 @@ def _drawing(
     body = [*background, *lower, *layers_of(rounds)]
     body = clipped(body, boxes, (scene.width, scene.height), **as_layer)
     sheet = document.style([k for k, _ in rounds])
-    return Drawing(sides_of(scene), len(shapes), [], body, sheet, areas=_counted(scene.areas))
+    counts = AreaCounts.of(scene.areas).without_nodes
+    return Drawing(sides_of(scene), len(shapes), [], body, sheet, areas=counts)
 
 
 def _layers_by_level(
@@ -288,7 +289,7 @@ def _layers_by_level(
         if level > first:
             parts += 1
             key = f"areas-{parts}" if parts > 1 else "areas"
-            label = f"Areas: {_counted(scene.areas[first:level])}"
+            label = f"Areas: {AreaCounts.of(scene.areas[first:level]).without_nodes}"
             layers.append(layer(label, paths[first:level], id=key, **attributes))
         for index, inside in shapes.get(level, ()):
             area = f"area-{level + 1}"
@@ -296,12 +297,6 @@ def _layers_by_level(
             layers.append(layer(label, inside, id=f"below-{area}-{round_id(index)}"))
         first = level
     return layers, above
-
-
-def _counted(areas: Iterable[Area]) -> str:
-    """Return the numbers of areas and lines as text, or "" if there are none."""
-    count, lines, _ = AreaCounts.of(areas)
-    return counted_areas(count, lines)
 
 
 def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:
