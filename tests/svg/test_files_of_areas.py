@@ -29,6 +29,17 @@ markups = st.sampled_from(["editable", "minimal"])
 sides = st.sampled_from([(40, 30), (61.3, 17.7), (256, 3)])
 
 
+def numbers_of(area: Area) -> list[float]:
+    """All numbers of an area."""
+    numbers = [area.opacity, area.width, *np.ravel([o.points[0] for o in area.outlines])]
+    numbers += [v for outline in area.outlines for point in outline.points for v in point]
+    if isinstance(area.paint, tuple):
+        return [*numbers, *area.paint]
+    own = area.paint
+    place = [*own.start, *own.end] if isinstance(own, LinearGradient) else [*own.center, *own.radii]
+    return [*numbers, *own.offsets, *np.ravel(own.colors), *place]
+
+
 @given(
     seeds, st.integers(0, 9), st.integers(0, 6), markups, sides,
     st.sampled_from([0.001, 0.04, 1 / 16, 0.3, 1.0]), st.sampled_from([None, "90mm", "responsive"]),
@@ -45,9 +56,13 @@ def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
     # Minimal files do not have the size of the canvas in px beside another size.
     page = Document(size=printed) if markup == "editable" else Document()
     svg = write_svg(scene, svg_format, page)
-    assert Survey(svg[svg.index("<svg") :]).remarks == ()
     assert sum(bytes_by_part(svg).values()) == len(svg)
     back = read_svg(svg)
+    if markup == "editable":
+        rounded = as_written(back, precision).areas
+        near = [pytest.approx(numbers_of(one), abs=1e-9) for one in rounded]
+        assert [numbers_of(one) for one in back.areas] == near
+        assert [one.cap for one in back.areas] == [one.cap for one in rounded]
     if gaussians and markup == "editable":  # whose files are the same from the second time on
         svg = write_svg(back, svg_format, page)
         back = read_svg(svg)
@@ -57,34 +72,6 @@ def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
     assert write_svg(back.scaled(scale).select([]), halved).count("<path") == write_svg(
         back.select([]), svg_format
     ).count("<path")
-
-
-def numbers_of(area: Area) -> list[float]:
-    """All numbers of an area."""
-    numbers = [area.opacity, area.width, *np.ravel([o.points[0] for o in area.outlines])]
-    numbers += [v for outline in area.outlines for point in outline.points for v in point]
-    if isinstance(area.paint, tuple):
-        return [*numbers, *area.paint]
-    own = area.paint
-    place = [*own.start, *own.end] if isinstance(own, LinearGradient) else [*own.center, *own.radii]
-    return [*numbers, *own.offsets, *np.ravel(own.colors), *place]
-
-
-@given(seeds, markups)
-def test_areas_whose_numbers_a_file_can_hold_are_read_as_they_were(seed, markup):
-    svg_format = SvgFormat(markup=markup, precision=0.25)
-    first = read_svg(write_svg(Scene(40, 30, areas=random_areas(6, seed)), svg_format))
-    again = read_svg(write_svg(first, svg_format))
-    assert len(again.areas) == len(first.areas)
-    for area, before in zip(again.areas, first.areas, strict=True):
-        assert area.cap == before.cap
-        assert [o.curved for o in area.outlines] == [o.curved for o in before.outlines]
-        assert numbers_of(area) == pytest.approx(numbers_of(before), abs=1e-9)
-    if markup == "editable":
-        rounded = as_written(first, 0.25).areas
-        assert [numbers_of(one) for one in rounded] == [
-            pytest.approx(numbers_of(one), abs=1e-9) for one in first.areas
-        ]
 
 
 def plain_svg(area: Area, scale: float) -> str:
@@ -319,7 +306,6 @@ REFUSED = {
     f'<path opacity=".5" stroke="#000" {FILL}/>': "its opacity must be 1 with both a fill and a",
     f'<path clip-path="url(#a)" {FILL}/>': "its clip-path must be none, or an upright rectangle",
     f'<g clip-path="url(#part)"><path {FILL}/></g>': "its clip-path must be .* got 'url.#part.'",
-    f'<g clip-path="url(#share)"><path {FILL}/></g>': "its clip-path must be none",
     f'<g clip-path="url(#round)"><path {FILL}/></g>': "its clip-path must be none",
     f'<path style="mix-blend-mode:multiply" {FILL}/>': "its mix-blend-mode must be none",
     f'<path marker-end="url(#a)" {STROKE}/>': "its marker-end must be none",
@@ -334,11 +320,8 @@ REFUSED = {
     f'<g opacity=".5"><path {FILL}/></g>': "opacity of a group must be 1",
     f'<path fill-rule="evenodd" fill="red" d="{STAR}"/>': "its fill-rule must be nonzero where",
     '<path fill="red" d="m0 0h9v9a5 5 0 0 2 3 3z"/>': "its d must be an ellipse of four arcs, or",
-    '<path fill="red" d="m0 0q9 0 9 9t3z"/>': "or lines and curves; got 'm0 0q9 0",
     '<path fill="red" d="l9 9 3 0z"/>': "lines and curves",
     '<path fill="red" d="m0 0c9 9 3 0z"/>': "lines and curves",
-    '<path fill="red" d="m0 0z9v9"/>': "lines and curves",
-    '<path fill="red" d="m0 0z"/>': "lines and curves",
     '<path fill="red" d=""/>': "lines and curves",
     '<path fill="red" d="m0 0h1e999v9z"/>': "points of an outline must be",
     '<polygon fill="red" points="3 4 5"/>': "its d must be .*lines and curves; got 'M3 4 5z'",
@@ -351,7 +334,6 @@ REFUSED = {
     '<path fill="url(#clear)" d="m0 0h9v9z"/>': "stops of the gradient of an area must be opaque",
     '<path fill="url(#tilt)" d="m0 0h9v9z"/>': "a circle or an upright ellipse",
     '<path fill="url(#focus)" d="m0 0h9v9z"/>': "with its focus at the centre",
-    '<path fill="url(#gone)" d="m0 0h9v9z"/>': "its reference must be to a radialGradient",
     '<path fill="url(#dots)" d="m0 0h9v9z"/>': "its reference must be to a radialGradient",
     '<image href="a.png" width="9" height="9"/>': "<image.* elements must be paths",
     "<text>a</text>": "<text>: elements must be paths and plain shapes .* Try .* to convert it",
