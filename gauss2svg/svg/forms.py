@@ -7,7 +7,7 @@ minimise
 
 This integral is the squared error of the image. It is in px^2 for a shape whose sigma is 1 px. It
 takes up to a second to find the stops of one exponent, so stops.json has all stops that files use.
-`python benchmarks/stops.py gauss2svg/svg/stops.json` writes this file. tests/svg/test_stops.py
+`python benchmarks/stops.py gauss2svg/svg/stops.json` writes this file. tests/svg/test_forms.py
 derives the stops again, and checks the errors that docs/decisions/svg.md states.
 
 Whole stops have opaque colours, whose levels are whole numbers because a file rounds colours to 8
@@ -42,7 +42,7 @@ the variance rho^2 / 4 + s^2 per axis, and the peak g(0) = 1 - exp(-rho^2 / 2 s^
 rho / s is small, the profile is a faint Gaussian. If the ratio is large, the profile has the flat
 top and the crisp rim of a large exponent. So each ratio draws one exponent, and limits the opacity.
 docs/decisions/svg.md has the exponents, largest opacities and errors of BLURS, and
-tests/svg/test_blur.py derives them again.
+tests/svg/test_forms.py derives them again.
 
 `as_written` returns a scene as an editable file has it.
 """
@@ -384,7 +384,7 @@ class Blur(NamedTuple):
 
 # The blurs that a file may have, from the softest to the crispest. The first number of each blur is
 # its standard deviation, for a disc of radius 1. The other three numbers were fitted so that the
-# blurred disc draws the profile as well as possible, and tests/svg/test_blur.py fits them again.
+# blurred disc draws the profile as well as possible, and tests/svg/test_forms.py fits them again.
 BLURS = (
     Blur(1 / 1.4, 1.01147233778, 1.09458307443, 1.59501799762),
     Blur(1 / 2, 1.14528662352, 1.25762415807, 1.16469982183),

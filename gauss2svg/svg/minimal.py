@@ -18,10 +18,9 @@ crisp shape whose radii are 8 and 7 units. Its unit is a pixel:
       <stop offset=".08" stop-color="#fff"/><stop offset=".63" stop-color="#222"/> ..
     <mask id="b"><circle r="1" fill="url(#c)"/></mask>  the falloff of the exponent 1
     <circle id="a" r="1" mask="url(#b)"/>               a shape of that exponent, of any colour
-    <use id="d" href="#a" fill="#f80" opacity=".5"/>    common attributes, if that is shorter
     <path fill="#084" d="M40 23a8 7 0 101 0"/>
-    <use href="#d" transform="matrix(9 0 0 9 10 5)"/>
-    <use href="#d" transform="matrix(12 4 0 8 20 15)"/>
+    <use href="#a" fill="#f80" opacity=".5" transform="matrix(9 0 0 9 10 5)"/>
+    <use href="#a" fill="#f80" opacity=".5" transform="matrix(12 4 0 8 20 15)"/>
 
 Renderers draw masks slowly, and round each mask to 8 bits. So if there are more than MOST_MASKED
 soft shapes, the lowest of them have gradients in place of masks. There is one gradient for each
@@ -288,7 +287,6 @@ def _drawing(
     if len(by_gradient):
         more, circles = _gradients(shapes, by_gradient, fills, stops, used + 3 * len(uses))
         definitions = more + definitions
-    used += sum("id" in definition.attributes for definition in definitions)
     # Opaque ellipses of the same colour and level that follow each other share a path. Each
     # translucent ellipse has its own path, because each must be blended separately.
     opaque = (shapes.falloff < 0) & (np.round(shapes.opacity, opacity_decimals) == 1)
@@ -306,9 +304,6 @@ def _drawing(
         else:
             soft = (uses if shapes.masked[i] else circles)[kind]
             elements.append(soft.replace(**look, transform=_matrix(shapes.numbers[i])))
-    if uses:
-        templates, elements = _shared(elements, used)
-        definitions += templates
     return definitions, list(zip(firsts, elements, strict=True))
 
 
@@ -403,38 +398,6 @@ def _circle(kind: int) -> str:
 def _matrix(numbers: NDArray[np.float64]) -> str:
     a, b, d, e, f = (number(v, 0) for v in numbers)
     return f"matrix({a} {b} 0 {d} {e} {f})".replace(" -", "-")
-
-
-def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Element]]:
-    """Move attributes that several elements have in common into definitions.
-
-    Return the definitions and all elements. An element whose attributes were moved refers to the
-    definition instead. A definition is made only if it makes the file shorter.
-
-    used  number of ids that are already in use
-    """
-    definitions = []
-    # First look for common pairs of fill and opacity. Then look for common opacities of the
-    # elements that have no common pair.
-    for names in (("fill", "opacity"), ("opacity",)):
-        ids = {}
-        keys = [tuple(map(one.attributes.get, ("href", *names))) for one in elements]
-        for key, uses in Counter(key for key in keys if key[0]).most_common():
-            href, common = key[0], dict(zip(names, key[1:], strict=True))
-            name = short_id(used + len(definitions))
-            definition = Element("use", id=name, href=href, **common)
-            # An element with this key may refer to the definition. It then needs neither its own
-            # href nor the common attributes, but only the href of the definition. `saved` is the
-            # number of bytes by which this makes the element shorter.
-            saved = len(definition.text()) - len(Element("use", id=name, href=f"#{name}").text())
-            if uses * saved > len(definition.text()):
-                ids[key] = name
-                definitions.append(definition)
-        elements = [
-            one.replace(href=f"#{ids[key]}", **dict.fromkeys(names)) if key in ids else one
-            for one, key in zip(elements, keys, strict=True)
-        ]
-    return definitions, elements
 
 
 def _grouped(

@@ -58,11 +58,6 @@ def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
     svg = write_svg(scene, svg_format, page)
     assert sum(bytes_by_part(svg).values()) == len(svg)
     back = read_svg(svg)
-    if markup == "editable":
-        rounded = as_written(back, precision).areas
-        near = [pytest.approx(numbers_of(one), abs=1e-9) for one in rounded]
-        assert [numbers_of(one) for one in back.areas] == near
-        assert [one.cap for one in back.areas] == [one.cap for one in rounded]
     if gaussians and markup == "editable":  # whose files are the same from the second time on
         svg = write_svg(back, svg_format, page)
         back = read_svg(svg)
@@ -209,7 +204,8 @@ def test_levels_of_a_file_count_the_areas_that_are_written(markup):
     svg = write_svg(scene, svg_format)
     back, levels = read_svg(svg), [0, 1, 1, 2, 2, -1, -1, -1]
     assert (back.level.tolist(), len(back.areas)) == (levels, 3)
-    assert as_written(scene, 1.0).level.tolist() == levels
+    rounded = as_written(scene, 1.0)
+    assert (rounded.level.tolist(), rounded.areas) == (levels, back.areas)
     assert markup == "minimal" or back.round_index.tolist() == scene.round_index.tolist()
     for other in (svg, outline_svg(scene)):
         ids = re.findall(r' id="([^"]*)"', other)
