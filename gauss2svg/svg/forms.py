@@ -244,7 +244,7 @@ def _moments(beta: float) -> _Integrals:
     integrand is multiplied by the weight x, because the length of a circle is proportional to its
     radius.
     """
-    samples = 8  # from one place to the next
+    samples = 8  # number of samples of the falloff from one place to the next
     count = _PLACES * samples
     x = (np.arange(count) + 0.5) / count
     weight = x / count

@@ -146,9 +146,7 @@ class _State(NamedTuple):
     """
 
     onto: Affine
-    style: Mapping[str, str] = MappingProxyType({})
-    fill: str = "black"
-    fill_opacity: str = "1"
+    style: Mapping[str, str] = MappingProxyType({"fill": "black", "stroke": "none"})
     opacity: float = 1.0
     round: int = 0
     depth: int = 0
@@ -255,20 +253,21 @@ class _Reader:
 
     def _add(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
         """Add the shape of an element. A path of minimal markup may have several shapes."""
-        alpha = state.opacity * share_of(state.fill_opacity, "fill-opacity")
+        own_fill, has_stroke = state.style["fill"], state.style["stroke"].lower() != "none"
+        alpha = state.opacity * share_of(state.style.get("fill-opacity", "1"), "fill-opacity")
         data = attributes.get("d", "") if tag == "path" else ""
         # The path that is the background in minimal markup
         cover = re.fullmatch(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0", data)
         if cover or tag == "rect":
             return self._cover({**attributes, **(cover.groupdict() if cover else {})}, state, alpha)
         edges = list[Affine]()
-        if not (_has_stroke(state) or self._has_ramp(state.fill)):
+        if not (has_stroke or self._has_ramp(own_fill)):
             edges = self._arcs.get(data) or read_values.edges_of(tag, attributes)
         if not edges:
             return self._add_area(read_values.data_of(tag, attributes), attributes, state)
         number = max(self._shapes[-1].round if self._shapes else 0, state.round)
         for edge in edges:
-            fill = self._fill_of(state.fill, attributes, edge)
+            fill = self._fill_of(own_fill, attributes, edge)
             if len(edges) > 1 and (alpha < 1 or fill.drawn != PLAIN):
                 raise refusal("ellipses of one path", "opaque and of one colour", "another fill")
             outline, opacity = compose(state.onto, edge), min(1.0, alpha * fill.peak)
@@ -292,8 +291,7 @@ class _Reader:
         for name in ("filter", "mask"):
             if (value := attributes.get(name, "none")) != "none":
                 raise refusal(f"its {name}", "none", quoted(value), "to remove it")
-        fill = state.fill, state.fill_opacity
-        stroke = style.get("stroke", "none"), style.get("stroke-opacity", "1")
+        fill, stroke = ((style[n], style.get(f"{n}-opacity", "1")) for n in ("fill", "stroke"))
         looks = [look for look in (fill, stroke) if look[0].lower() != "none"]
         if len(looks) > 1 and opacity < 1:
             needed, advice = "1 with both a fill and a stroke", "to remove one of these"
@@ -341,7 +339,7 @@ class _Reader:
         The attributes include those of the gradients to which it refers.
         """
         chain, name = list[Any](), key
-        while name and len(chain) < 9:  # in files of Inkscape there are two
+        while name and len(chain) < 9:  # Inkscape writes two
             chain.append(target_of(self._by_id, name, *tags))
             name = read_values.link_of(chain[-1])
         values = {name: value for e in reversed(chain) for name, value in e.attrib.items()}
@@ -359,10 +357,11 @@ class _Reader:
         The background is opaque and of one colour, lies below all shapes, and covers the canvas.
         """
         sides = {**attributes, **{n: str(v) for n, v in self._sides(attributes).items()}}
-        is_lowest = not (self._shapes or self._areas or _has_stroke(state))
-        is_plain = state.fill != "none" and read_values.reference_of(state.fill) is None
+        fill, has_stroke = state.style["fill"], state.style["stroke"].lower() != "none"
+        is_lowest = not (self._shapes or self._areas or has_stroke)
+        is_plain = fill != "none" and read_values.reference_of(fill) is None
         if is_lowest and is_plain and alpha == 1 and self._covers(sides, state.onto):
-            self._background = np.array(color_of(state.fill, "fill"))
+            self._background = np.array(color_of(fill, "fill"))
         else:
             self._add_area(read_values.data_of("rect", sides), sides, state)
 
@@ -472,9 +471,7 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     changes: dict[str, Any] = {}
     off = {"none", "normal", "inherit", "visible"}
     for name, value in attributes.items():
-        if name in ("fill", "fill-opacity") and value != "inherit":
-            changes[name.replace("-", "_")] = value
-        elif name in read_values.INHERITED and value != "inherit":
+        if name in read_values.INHERITED and value != "inherit":
             changes["style"] = {**changes.get("style", parent.style), name: value}
         elif name == "transform":
             changes["onto"] = compose(parent.onto, read_values.transform_of(value))
@@ -487,11 +484,6 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
         elif name in _EFFECTS and (tag, name) not in _READ and value.lower() not in off:
             raise refusal(f"its {name}", "none", quoted(value), "to remove it")
     return parent._replace(**changes) if changes else parent
-
-
-def _has_stroke(state: _State) -> bool:
-    """Return whether the elements of a state have a stroke."""
-    return state.style.get("stroke", "none").lower() != "none"
 
 
 def _side(text: str, name: str, whole: float) -> float:

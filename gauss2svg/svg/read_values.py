@@ -58,16 +58,16 @@ from gauss2svg.svg.forms import BLURS, Blur, gradient_stops, grey_stops
 from gauss2svg.svg.minimal import MASK_STOPS, arc_geometry
 
 Affine = tuple[float, float, float, float, float, float]
-# Attributes of areas and lines that elements inherit, those of the fill apart.
-INHERITED = {"stroke", "stroke-width", "stroke-opacity", "stroke-linecap", "stroke-linejoin"}
-INHERITED |= {"stroke-miterlimit", "stroke-dasharray", "fill-rule", "paint-order"}
+# Attributes of fills and strokes that elements inherit.
+INHERITED = {"fill", "fill-opacity", "fill-rule", "paint-order", "stroke", "stroke-width"}
+INHERITED |= {"stroke-opacity", "stroke-linecap", "stroke-linejoin", "stroke-miterlimit"}
+INHERITED |= {"stroke-dasharray"}
 # A gradient may be turned by this, and a stroke be stretched by this, as a share of its size,
 # because editors round numbers.
 _TOLERANCE = 1e-4
 _STEPS = 8  # number of straight pieces that stand for a curve where exactness does not matter
 _CALL = re.compile(r"[\s,]*+(matrix|translate|scale|rotate|skewX|skewY)\s*+\(([^()]*+)\)[\s,]*+")
 _CALLS = re.compile(rf"(?:{_CALL.pattern})*+\s*+")
-_REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
 _GAP = r"[\s,]*+"
 _N = rf"({NUMBER}){_GAP}"
 _ARC = re.compile(rf"{_GAP}([Aa]?){_GAP}{_N}{_N}{_N}([01]){_GAP}([01]){_GAP}{_N}{_N}")
@@ -89,15 +89,9 @@ _FUNCTIONS = {
 }
 _COMMAND = re.compile(rf"[\s,]*+([MmLlHhVvCcSsQqTtAaZz])((?:[\s,]*+{NUMBER})*+)[\s,]*+")
 _COMMANDS = re.compile(rf"(?=\s*+[Mm])(?:{_COMMAND.pattern})++")
-_ARCS = re.compile(rf"(?:{_ARC.pattern})++")
 # How many numbers a command has
 _COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
 _SMOOTH = {"S": "C", "T": "Q"}  # commands whose first handle reflects that of the one before
-_ENDS: dict[tuple[str, str], Cap] = {
-    ("butt", "miter"): "butt",
-    ("round", "round"): "round",
-    ("square", "miter"): "square",
-}
 
 
 def compose(outer: Affine, inner: Affine) -> Affine:
@@ -153,7 +147,7 @@ def color_of(text: str, name: str) -> Color:
 
 def reference_of(text: str) -> str | None:
     """Return the id in a text url(#id). Return None if it does not begin with such a reference."""
-    match = _REFERENCE.match(text)
+    match = re.match(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""", text)
     return match[1] if match else None
 
 
@@ -536,7 +530,7 @@ def _commands(data: str) -> list[tuple[str, list[float]]]:
     for letter, text in _COMMAND.findall(data) if _COMMANDS.fullmatch(data) else ():
         texts, count = re.findall(NUMBER, text), _COUNTS[letter.upper()]
         if letter in "Aa":  # the flags of an arc need no blanks around them
-            texts = [n for arc in _ARC.findall(text) for n in arc[1:]] if _ARCS.match(text) else []
+            texts = [n for arc in _ARC.findall(text) for n in arc[1:]] if _ARC.match(text) else []
         values = list(map(float, texts))
         if bool(values) != bool(count) or len(values) % (count or 1):
             return []
@@ -635,11 +629,12 @@ def stroke_of(
     for name, needed in usual.items():
         if (value := style.get(name, needed)) != needed:
             raise refusal(f"its {name}", needed, quoted(value), "to remove it")
-    ends = cap, join
-    if ends not in _ENDS:
+    joins: dict[str, Cap] = {"butt miter": "butt", "round round": "round", "square miter": "square"}
+    if (ends := f"{cap} {join}") not in joins:
         needed = "butt and miter, round and round, or square and miter"
         advice = "to convert the stroke to a path"
-        raise refusal("its stroke-linecap and stroke-linejoin", needed, " and ".join(ends), advice)
+        got = f"{cap} and {join}"
+        raise refusal("its stroke-linecap and stroke-linejoin", needed, got, advice)
     text = style.get("stroke-width", "1")
     width = numbers(text.removesuffix("px"), "stroke-width", 1)[0]
     if not width > 0:
@@ -650,7 +645,7 @@ def stroke_of(
     if not is_even or abs(a * c + b * d) > _TOLERANCE * across * down:
         advice = "to convert the stroke to a path"
         raise refusal("transforms of a stroke", "without stretching and skewing", "others", advice)
-    return width * across * math.sqrt(abs(root[0] * root[3])), _ENDS[ends]
+    return width * across * math.sqrt(abs(root[0] * root[3])), joins[ends]
 
 
 def _share(text: str) -> str:
@@ -684,10 +679,9 @@ def gradient_of(
         return colors[0]
     ramp = {"offsets": tuple(offsets), "colors": tuple(colors)}
     if values.get("gradientUnits", "objectBoundingBox") == "objectBoundingBox":
-        points = [
-            _polygon(outline) for outline in outlines_of(data, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0), True)
-        ]
-        (left, top), (right, bottom) = (f(np.concatenate(points), axis=0) for f in (np.min, np.max))
+        own = outlines_of(data, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0), True)
+        points = np.concatenate([_polygon(outline) for outline in own])
+        (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
         onto = compose(onto, (right - left, 0.0, 0.0, bottom - top, left, top))
         box = {"x1": "0", "y1": "0", "x2": "1", "y2": "0", "cx": ".5", "cy": ".5", "r": ".5"}
         shares = {n: _share(values.get(n, share)) for n, share in box.items()}

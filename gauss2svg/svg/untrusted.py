@@ -390,7 +390,7 @@ class Drawable:
 
     def remarks(self) -> tuple[str, ...]:
         """Return remarks such as "fill: oklch(...) on <rect>", at most 20."""
-        if sum(map(len, self._sheets)) > 1_000_000:  # for which tinycss2 takes 3 s
+        if sum(map(len, self._sheets)) > 1_000_000:  # tinycss2 would take over 3 s
             self.add("style sheets of more than 1000 kB")
         else:
             if any("<!--" in text for text in self._sheets):

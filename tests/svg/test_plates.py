@@ -31,12 +31,12 @@ COUNT = 150  # overlaps are found in blocks of 64
 BY_INK = SvgFormat(layers="inks", precision=0.01)
 
 
-def scene_in_inks(seed: int = 3) -> Scene:
+def scene_in_inks(seed: int = 3, count: int = COUNT, sigma: tuple = (2, 8)) -> Scene:
     colors = ink_colors(INKS)
-    return random_scene(COUNT, 90, 70, seed, (2, 8), (20, 40)).replace(
-        opacity=np.ones(COUNT),
-        color=colors[np.random.default_rng(seed).integers(0, 3, COUNT)],
-        drawn=np.full(COUNT, PLAIN),
+    return random_scene(count, 90, 70, seed, sigma, (20, 40)).replace(
+        opacity=np.ones(count),
+        color=colors[np.random.default_rng(seed).integers(0, 3, count)],
+        drawn=np.full(count, PLAIN),
         background=colors[0],
     )
 
@@ -252,14 +252,7 @@ def drawing_in_inks(seed: int) -> Scene:
         Area((curve,), tuple(colors[1]), width=4, cap="round"),
         Area((square(20, 60, 40),), tuple(colors[2]), width=3, cap="square"),
     ]
-    return random_scene(40, 90, 70, seed, (1, 7), (20, 40)).replace(
-        opacity=np.ones(40),
-        color=colors[np.random.default_rng(seed).integers(0, 3, 40)],
-        drawn=np.full(40, PLAIN),
-        background=colors[0],
-        level=None,
-        areas=shapes,
-    )
+    return scene_in_inks(seed, 40, (1, 7)).replace(areas=shapes)
 
 
 def region_of(scene: Scene) -> shapely.Geometry:
