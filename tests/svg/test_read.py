@@ -159,8 +159,8 @@ def test_canvas_is_in_px_whatever_the_units(root, scale, shift):
         '<circle cx="4" r="1" transform="matrix(9 2 0 6 -16 7)" fill="url(#own)"/>',
         '<circle r="1" d="M0 0a5 5 0 101 0" transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>'
         "<!-- <?xml-stylesheet?> -->",
-        '<defs><circle id="c" r="1" fill="url(#a)"/></defs><use href="#c" x="1" y="-1" '
-        'transform="matrix(9 2 0 6 11 19)"/>',
+        '<defs><circle id="c" r="1" fill="url(#a)"/><use id="d" href="#c"/></defs><use href="#d" '
+        'x="1" y="-1" transform="matrix(9 2 0 6 11 19)"/>',
         '<circle r="1" style="Fill:url(#a);/* FILL:none; */-inkscape-stroke:none;stroke:none" '
         'transform="matrix(9 2 0 6 20 15)"><title>t</title></circle><!-- a --><metadata><x/>'
         "</metadata><sodipodi:namedview/><style/><g><title>u</title></g>",
