@@ -269,9 +269,9 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
         for before, after in ((0, 1), (1, 0)):
             beside = np.pad(step, [(before, after) if a == axis else (0, 0) for a in (0, 1)])
             np.maximum(steps, beside, out=steps)
-    # Of a picture with far more pixels than 250 000, only about this many are read. The stride is
-    # raised until it has no common divisor with the width. Otherwise pixels of some columns would
-    # never be read.
+    # If a picture has far more pixels than 250 000, only about this many of them are read. The
+    # stride is raised until it has no common divisor with the width. Otherwise pixels of some
+    # columns would never be read.
     stride = max(1, steps.size // 250_000)
     while math.gcd(stride, pixels.shape[1]) > 1:
         stride += 1

@@ -1,4 +1,4 @@
-"""What resvg 0.48 and Chromium 156 draw alike: attributes, properties and values, also of CSS.
+"""The attributes, properties and values that resvg 0.48 and Chromium 156 draw alike, also in CSS.
 
 See docs/decisions/renderers.md. Whatever else SVG or CSS defines gives a remark. Attributes that
 SVG does not define have no effect in any renderer, so they give none.

@@ -78,7 +78,7 @@ def attributes_text(attributes: Mapping[str, str]) -> str:
 
 
 def clipped(
-    body: Sequence[Element], boxes: Floats, canvas: Sequence[float], **attributes: str
+    body: Sequence[Element], boxes: Floats, canvas: ArrayLike, **attributes: str
 ) -> Sequence[Element]:
     """Return `body`, in an inner <svg> if a shape reaches beyond the canvas.
 
@@ -90,7 +90,7 @@ def clipped(
     canvas      width and height, in the same unit
     attributes  attributes of the inner <svg>
     """
-    if not ((boxes[:, :2] < 0) | (boxes[:, 2:] > canvas)).any():
+    if not ((boxes[:, :2] < 0) | (boxes[:, 2:] > np.asarray(canvas))).any():
         return body
     return [Element("svg", body, **attributes)]
 

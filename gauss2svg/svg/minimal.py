@@ -167,7 +167,7 @@ def minimal_svg(
         across, down = whole = np.ceil(sides)
         fill = _fill(color_levels(scene.background, digits))
         cover = [Element("path", fill=fill, d=f"M0 0h{across:.0f}v{down:.0f}H0")]
-        boxes.append([[0, 0, *whole]])
+        boxes.append(np.array([[0, 0, *whole]]))
     definitions, drawn = _drawing(
         shapes, opacity_decimals, stops, len(areas.definitions), is_close=bool(scene.areas)
     )
@@ -303,7 +303,9 @@ def _drawing(
             elements.append(Element("path", **look, d=path_data(shapes.numbers[index])))
         else:
             soft = (uses if shapes.masked[i] else circles)[kind]
-            elements.append(soft.replace(**look, transform=_matrix(shapes.numbers[i])))
+            a, b, d, e, f = (number(v, 0) for v in shapes.numbers[i])
+            matrix = f"matrix({a} {b} 0 {d} {e} {f})".replace(" -", "-")
+            elements.append(soft.replace(**look, transform=matrix))
     return definitions, list(zip(firsts, elements, strict=True))
 
 
@@ -393,11 +395,6 @@ def _circle(kind: int) -> str:
     # A circle of radius 1 ends where its gradient ends. If the rim is crisp, the antialiased edge
     # of such a circle would clip it, so the circle is made larger (gauss2svg.svg.encode).
     return "1.1" if BETA_CLASSES[kind] >= 6 else "1"
-
-
-def _matrix(numbers: NDArray[np.float64]) -> str:
-    a, b, d, e, f = (number(v, 0) for v in numbers)
-    return f"matrix({a} {b} 0 {d} {e} {f})".replace(" -", "-")
 
 
 def _grouped(
