@@ -72,7 +72,7 @@ from gauss2svg.photo.pixels import over
 from gauss2svg.raster import RENDERERS, rasterize, rasterize_rgba
 from gauss2svg.render import render
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
-from gauss2svg.svg.stops import gradient_stops
+from gauss2svg.svg.forms import gradient_stops
 
 COUNTS = (8, 32, 128, 512, 2048, 8192)  # shapes of the pictures of the start page
 WIDTH_PX = 1200

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg import STOP_COUNTS
-from gauss2svg.svg.stops import CRISP, FEWEST_STOPS, Stops
+from gauss2svg.svg.forms import CRISP, FEWEST_STOPS, Stops
 
 SAMPLES = 2000  # of the profile
 CANDIDATES = 120  # for the knots of the polygon

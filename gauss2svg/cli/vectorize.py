@@ -234,7 +234,7 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
     for name, rule, advice in _exclusions(options, extras):
         raise InputError(f"{name} must {rule}. Try {advice}")
     if extras.cut:
-        from gauss2svg.svg.cut import require_shapely  # few runs need it
+        from gauss2svg.svg.plates import require_shapely  # few runs need it
 
         require_shapely()
     targets = [] if output == STANDARD_STREAM else [Path(output)]

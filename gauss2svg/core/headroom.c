@@ -1,5 +1,5 @@
 /* Sums of additive Gaussians at samples, and how far one would leave a range of values
-(gauss2svg.svg.headroom). The unit of length is a cell of the grid of samples. */
+(gauss2svg.svg.additive). The unit of length is a cell of the grid of samples. */
 
 #include "core.h"
 

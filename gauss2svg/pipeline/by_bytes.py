@@ -64,8 +64,7 @@ from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.forms import plain_beta, with_falloffs
-from gauss2svg.svg.minimal import as_written, minimal_svg, whole_unit
-from gauss2svg.svg.minimal_shapes import HEX_DIGITS
+from gauss2svg.svg.minimal import HEX_DIGITS, as_written, minimal_svg, whole_unit
 
 # Exponents that soft shapes may have. All other shapes are plain ellipses.
 Exponents = tuple[float, ...]

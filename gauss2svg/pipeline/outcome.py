@@ -214,7 +214,7 @@ class Exporter:
                 return mean
             own = mean * (1 - bytes_by_part(svg)["gradients"] / len(svg))
             return left / max(count + (left - count * mean) / own, 1)
-        from gauss2svg.svg.minimal_shapes import FADING, MOST_MASKED
+        from gauss2svg.svg.minimal import FADING, MOST_MASKED
 
         masked, by_gradients = (
             each(ordered_svg(quantized, written, document, masked)) for masked in (True, False)

@@ -28,12 +28,15 @@ MOST_COORDINATE = 1e9  # largest absolute value of a coordinate, in px
 MOST_STOPS = 64  # largest number of stops of a gradient
 
 
-def _numbers(name: str, values: Any, shape: tuple[int, ...], low: float, high: float) -> Any:
+def _numbers(
+    name: str, values: Any, shape: tuple[int, ...], high: float, least: float | None = None
+) -> Any:
     """Return `values` as nested tuples of floats.
 
     A -1 in `shape` stands for any length. Raise SceneError if the values have another shape, or if
-    one is not in low..high.
+    one is not in least..high. If `least` is None, it is -high.
     """
+    low = -high if least is None else least
     try:
         array = np.array(values, np.float64)
     except (TypeError, ValueError) as error:
@@ -65,8 +68,7 @@ class Outline:
     closed: bool = True
 
     def __post_init__(self) -> None:
-        most = MOST_COORDINATE
-        points = _numbers("points of an outline", self.points, (-1, 2), -most, most)
+        points = _numbers("points of an outline", self.points, (-1, 2), MOST_COORDINATE)
         curved = tuple(map(bool, self.curved))
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "curved", curved)
@@ -122,8 +124,8 @@ class _Gradient:
     colors: tuple[Color, ...]
 
     def __post_init__(self) -> None:
-        offsets = _numbers("offsets of a gradient", self.offsets, (-1,), 0, 1)
-        colors = _numbers("colors of a gradient", self.colors, (-1, 3), 0, 1)
+        offsets = _numbers("offsets of a gradient", self.offsets, (-1,), 1, 0)
+        colors = _numbers("colors of a gradient", self.colors, (-1, 3), 1, 0)
         if not 2 <= len(offsets) == len(colors) <= MOST_STOPS or sorted(offsets) != list(offsets):
             raise SceneError(
                 f"offsets of a gradient must be 2..{MOST_STOPS}, one for each color, and never "
@@ -131,6 +133,11 @@ class _Gradient:
             )
         object.__setattr__(self, "offsets", offsets)
         object.__setattr__(self, "colors", colors)
+        for field in dataclasses.fields(self)[2:]:  # the place
+            least, value = 1e-9 if field.name == "radii" else None, getattr(self, field.name)
+            name = f"{field.name} of a gradient"
+            place = _numbers(name, value, (2,), MOST_COORDINATE, least)
+            object.__setattr__(self, field.name, place)
 
     def colors_at(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the colours (.., 3) at positions along the gradient."""
@@ -147,10 +154,6 @@ class LinearGradient(_Gradient):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        most = MOST_COORDINATE
-        for name in ("start", "end"):
-            point = _numbers(f"{name} of a gradient", getattr(self, name), (2,), -most, most)
-            object.__setattr__(self, name, point)
         if self.start == self.end:
             raise SceneError(f"end of a gradient must differ from its start; got {self.end}")
 
@@ -182,13 +185,6 @@ class RadialGradient(_Gradient):
     center: Point = (0.0, 0.0)
     radii: Point = (1.0, 1.0)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        most = MOST_COORDINATE
-        for name, least in (("center", -most), ("radii", 1e-9)):
-            point = _numbers(f"{name} of a gradient", getattr(self, name), (2,), least, most)
-            object.__setattr__(self, name, point)
-
     def at(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float64]:
         """Return the colours (.., 3) at points in px."""
         (cx, cy), (rx, ry) = self.center, self.radii
@@ -196,9 +192,7 @@ class RadialGradient(_Gradient):
 
     def scaled(self, factor_x: float, factor_y: float) -> Self:
         """Return the gradient of a canvas that is scaled by factor_x and factor_y."""
-        center, radii = (
-            (point[0] * factor_x, point[1] * factor_y) for point in (self.center, self.radii)
-        )
+        center, radii = np.multiply((self.center, self.radii), (factor_x, factor_y))
         return dataclasses.replace(self, center=center, radii=radii)
 
 
@@ -231,10 +225,9 @@ class Area:
             raise SceneError(f"outlines of an area must be Outlines; got {quoted(outlines)}")
         object.__setattr__(self, "outlines", outlines)
         if not isinstance(self.paint, (LinearGradient, RadialGradient)):
-            object.__setattr__(self, "paint", _numbers("color of an area", self.paint, (3,), 0, 1))
-        bounds = {"opacity": (0, 1), "width": (0, MOST_COORDINATE)}
-        for name, (low, high) in bounds.items():
-            value = _numbers(f"{name} of an area", getattr(self, name), (), low, high)
+            object.__setattr__(self, "paint", _numbers("color of an area", self.paint, (3,), 1, 0))
+        for name, high in (("opacity", 1), ("width", MOST_COORDINATE)):
+            value = _numbers(f"{name} of an area", getattr(self, name), (), high, 0)
             object.__setattr__(self, name, value)
         if self.cap not in CAPS:
             raise SceneError(f"cap of a line must be one of {', '.join(CAPS)}; got {self.cap!r}")
@@ -257,10 +250,8 @@ class Area:
         The width of a line is multiplied by the geometric mean of the factors.
         """
         outlines = tuple(outline.scaled(factor_x, factor_y) for outline in self.outlines)
-        paint = (
-            self.paint if isinstance(self.paint, tuple) else self.paint.scaled(factor_x, factor_y)
-        )
-        width = self.width * math.sqrt(factor_x * factor_y)
+        paint, width = self.paint, self.width * math.sqrt(factor_x * factor_y)
+        paint = paint if isinstance(paint, tuple) else paint.scaled(factor_x, factor_y)
         return dataclasses.replace(self, outlines=outlines, paint=paint, width=width)
 
 
@@ -278,27 +269,19 @@ class AreaCounts(NamedTuple):
         lines = sum(area.is_line for area in areas)
         return cls(len(areas) - lines, lines, sum(area.nodes for area in areas))
 
+    @property
+    def without_nodes(self) -> str:
+        """Numbers of areas and lines as text, such as "12 areas and 1 line", or "" for none."""
+        counts = (self.areas, "area"), (self.lines, "line")
+        return " and ".join(_several(*one) for one in counts if one[0])
+
     def __str__(self) -> str:
-        both = counted_areas(self.areas, self.lines)
+        both = self.without_nodes
         return f"{both} of {_several(self.nodes, 'node')}" if both else "no areas"
-
-
-def counted_areas(areas: int, lines: int) -> str:
-    """Return the numbers of areas and lines as text, such as "12 areas and 1 line", or "" for 0."""
-    counts = (areas, "area"), (lines, "line")
-    return " and ".join(_several(*one) for one in counts if one[0])
 
 
 def _several(count: int, word: str) -> str:
     return f"{count:,} {word}{'s' * (count != 1)}"
-
-
-def checked_areas(areas: Any) -> tuple[Area, ...]:
-    """Return the areas of a scene as a tuple. Raise SceneError if one is not an Area."""
-    areas = tuple(areas) if isinstance(areas, Iterable) else (areas,)
-    if others := [area for area in areas if not isinstance(area, Area)]:
-        raise SceneError(f"scene areas must be Areas; got {quoted(others[0])}")
-    return areas
 
 
 def areas_to_json(areas: Iterable[Area]) -> str:

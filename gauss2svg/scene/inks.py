@@ -39,15 +39,6 @@ WHITE = "#ffffff"
 NEAR_WHITE = 0.4
 PALETTE_SUFFIX = ".gpl"
 _ADVICE = '6, or "#f7c306,#c0322c,#17324d"'
-_PALETTE_HEAD = "GIMP Palette"
-_MOST_PALETTE_BYTES = 1_000_000
-# Lines of a palette that GIMP and Inkscape skip: comments, and header fields such as Name and
-# Columns.
-_SKIPPED_LINE = re.compile(rf"\s*(#.*|[A-Za-z]+:.*|{_PALETTE_HEAD}.*)?")
-# Palettes of Aseprite with this field have alpha as a fourth level, and transparent colours.
-_WITH_ALPHA = re.compile(r"\s*Channels:\s*RGBA\s*")
-_CLEAR_LINE = re.compile(r"\s*[0-9]+\s+[0-9]+\s+[0-9]+\s+0+(?:\s.*)?")
-_COLOR_LINE = re.compile(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(?:\s.*)?")
 # The constants from here on are for the choice of inks (docs/decisions/inks.md).
 
 # k-means groups cells of similar colours. The weight of a cell is w to this power, where w is the
@@ -68,18 +59,12 @@ _COLORFUL_INKS = 5
 # darkest part. The means of whole clusters would be too near to grey, so that teeth were brown.
 _WIDE_INKS = 8
 _CELL_SIDE = 8  # side of a cell of similar colours, in levels of 255
-# If the number of cells is less than this number times the number of inks, the cells are too
-# coarse. In this case each colour becomes a cell of its own.
-_CELLS_PER_INK = 4
 # A pixel that differs from a neighbour by this value (0..1) has half the weight of a pixel in a
 # flat area, because pixels at edges have mixed colours.
 _EDGE_DIFFERENCE = 0.05
-_ITERATIONS = 30  # number of iterations of k-means
 # If the commonest colour of a cluster makes up at least this share of the cluster, this colour is
 # the ink. Otherwise the ink is the colour nearest to the cluster's mean.
 _FLAT_SHARE = 0.25
-# If a picture has far more pixels than this, only about this many of them are read.
-_MOST_PIXELS = 250_000
 # These factors turn the three levels of a colour into one number, their weighted sum. Such numbers
 # are sorted faster than triples of levels.
 _CODE = (65536, 256, 1)
@@ -219,7 +204,7 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     points = oklab(colors / 255)
     points *= [1, _CHROMA_FACTOR, _CHROMA_FACTOR]
     cell = np.unique(colors // _CELL_SIDE @ _CODE, return_inverse=True)[1]
-    if cell.max() + 1 < _CELLS_PER_INK * inks:
+    if cell.max() + 1 < 4 * inks:  # the cells are too coarse
         cell = np.arange(len(colors))
     cell_counts = np.bincount(cell, counts)
     cells = weighted_means(points, counts, cell, np.zeros((len(cell_counts), 3)))
@@ -234,7 +219,7 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         seeds.append(int((weight * squares).argmax()))
         squares = np.minimum(squares, np.square(cells - cells[seeds[-1]]).sum(axis=1))
     centers = cells[seeds]
-    for _ in range(_ITERATIONS):
+    for _ in range(30):
         centers = weighted_means(cells, weight, nearest_entry(centers, cells)[1], centers)
     cluster = nearest_entry(centers, cells)[1]
     if 2 < inks < _WIDE_INKS:
@@ -284,9 +269,10 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
         for before, after in ((0, 1), (1, 0)):
             beside = np.pad(step, [(before, after) if a == axis else (0, 0) for a in (0, 1)])
             np.maximum(steps, beside, out=steps)
-    stride = max(1, steps.size // _MOST_PIXELS)
-    # The stride is raised until it has no common divisor with the width. Otherwise pixels of some
+    # If a picture has far more pixels than 250 000, only about this many of them are read. The
+    # stride is raised until it has no common divisor with the width. Otherwise pixels of some
     # columns would never be read.
+    stride = max(1, steps.size // 250_000)
     while math.gcd(stride, pixels.shape[1]) > 1:
         stride += 1
     every = slice(None, None, stride)
@@ -302,19 +288,24 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
 
 def _read_palette(name: str, path: str) -> list[str]:
     """Return the distinct colours of a palette file of GIMP or Inkscape, each as six hex digits."""
+    most_bytes, head = 1_000_000, "GIMP Palette"
     with reading(path, "a palette file") as file:
-        content = file.read(_MOST_PALETTE_BYTES + 1)
+        content = file.read(most_bytes + 1)
     text = text_of(content, path, "replace")  # names of colours may be in any encoding
-    if len(content) > _MOST_PALETTE_BYTES or not text.lstrip().startswith(_PALETTE_HEAD):
-        needed = f"a file of at most {_MOST_PALETTE_BYTES:,} bytes that begins with {_PALETTE_HEAD}"
+    if len(content) > most_bytes or not text.lstrip().startswith(head):
+        needed = f"a file of at most {most_bytes:,} bytes that begins with {head}"
         raise refusal(name, needed, quoted(path), _ADVICE)
     colors: dict[str, None] = {}
     lines = re.split(r"\r\n?|\n", text)
-    has_alpha = any(map(_WITH_ALPHA.fullmatch, lines))
+    # Lines that GIMP and Inkscape skip: comments, and header fields such as Name and Columns.
+    # Palettes of Aseprite with the field Channels have alpha as a fourth level.
+    skipped = rf"\s*(#.*|[A-Za-z]+:.*|{head}.*)?"
+    if any(re.fullmatch(r"\s*Channels:\s*RGBA\s*", line) for line in lines):
+        skipped += r"|\s*[0-9]+\s+[0-9]+\s+[0-9]+\s+0+(?:\s.*)?"
     for number, line in enumerate(lines, 1):
-        if _SKIPPED_LINE.fullmatch(line) or (has_alpha and _CLEAR_LINE.fullmatch(line)):
+        if re.fullmatch(skipped, line):
             continue
-        match = _COLOR_LINE.fullmatch(line)
+        match = re.fullmatch(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(?:\s.*)?", line)
         levels = [int(level) for level in match.groups()] if match else [256]
         if max(levels) > 255:
             got = quoted(f"line {number}, {line}")

@@ -14,7 +14,7 @@ import dataclasses
 import io
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, BinaryIO, ClassVar, Self
 
@@ -26,7 +26,7 @@ from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted
 from gauss2svg.files import write_atomically
 from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
-from gauss2svg.scene.areas import Area, areas_from_json, areas_to_json, checked_areas
+from gauss2svg.scene.areas import Area, areas_from_json, areas_to_json
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # bounds in px of a side of the canvas
@@ -46,9 +46,6 @@ MOST_MEAN = 1e12
 SOFT, PLAIN, BLURRED = range(3)
 ABOVE = -1  # level of a Gaussian above all areas
 
-# Bounds of the logit of an opacity. They stand for opacities of 0.0003 and 0.999994. Opacities
-# beyond these would not change an image of 8 bits.
-LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
 # Bounds of ln beta in a fit. At the lower bound a shape is nearly a Gaussian. If this bound were 0,
 # the kernels would leave out the gradient of the exponent of such a shape. If it were below 0, fits
 # would be worse (docs/decisions/adam.md).
@@ -174,9 +171,11 @@ PARAMETERS = (
     Parameter("rho", 1, -RHO_LIMIT, RHO_LIMIT, rate=0.15, advice="to clip it to RHO_LIMIT"),
     Parameter(
         "opacity", 1, 0.0, 1.0, additive_domain=(1.0, 1.0), rate=0.15,
+        # The bounds of the logit stand for opacities of 0.0003 and 0.999994. Opacities beyond these
+        # would not change an image of 8 bits.
         raw=Raw(
             "raw_opacity", lambda logit: 1 / (1 + portable.exp(-logit)),
-            lambda p: portable.log(p / (1 - p)), LEAST_RAW_OPACITY, MOST_RAW_OPACITY,
+            lambda p: portable.log(p / (1 - p)), -8.0, 12.0,
         ),
         advice="to clip it, and in an additive scene to multiply the colour by it",
     ),
@@ -203,7 +202,6 @@ STEPPED = tuple((parameter, parameter.raw) for parameter in PARAMETERS if parame
 
 # Version of scene files. It stays the same when a parameter with a default is added.
 _FORMAT_VERSION = 1
-_REQUIRED = {parameter.name for parameter in (*CANVAS, *PARAMETERS) if parameter.default is None}
 # A field that is not passed has this value, until the constructor replaces it by the default.
 _DEFAULT: Any = None
 
@@ -280,10 +278,12 @@ class Scene:
         if np.any(np.diff(self.round_index) < 0):
             raise SceneError("scene round_index must not decrease; got later rounds under earlier")
         if self.blend == ADD and self.transparent:
-            raise SceneError(
-                "scene blend must be 'over' if transparent; got 'add'. Try a background"
-            )
-        object.__setattr__(self, "areas", checked_areas(self.areas))
+            needed = "'over' if transparent"
+            raise SceneError(f"scene blend must be {needed}; got 'add'. Try a background")
+        areas = tuple(self.areas) if isinstance(self.areas, Iterable) else (self.areas,)
+        if others := [area for area in areas if not isinstance(area, Area)]:
+            raise SceneError(f"scene areas must be Areas; got {quoted(others[0])}")
+        object.__setattr__(self, "areas", areas)
         if self.blend == ADD and self.areas:
             raise SceneError("scene blend must be 'over' if there are areas; got 'add'")
         count = len(self.areas)
@@ -448,9 +448,8 @@ class Scene:
         Raise SceneError if the blends differ, or if the upper scene has areas.
         """
         if self.blend != required(top, "upper scene", Scene).blend:
-            raise SceneError(
-                f"blend of the upper scene must be {self.blend!r}; got {quoted(top.blend)}"
-            )
+            needed, got = repr(self.blend), quoted(top.blend)
+            raise SceneError(f"blend of the upper scene must be {needed}; got {got}")
         if top.areas:
             raise SceneError(f"the upper scene must have no areas; got {len(top.areas)}")
         later = int(self.round_index.max(initial=-1)) + 1 - int(top.round_index[:1].sum())
@@ -498,7 +497,8 @@ class Scene:
             if (version := int(values.pop("format_version"))) != _FORMAT_VERSION:
                 raise ValueError(f"format version {version}")
             names = {field.name for field in dataclasses.fields(cls)}
-            if others := values.keys() - names | _REQUIRED - values.keys():
+            needed = {p.name for p in (*CANVAS, *PARAMETERS) if p.default is None}
+            if others := values.keys() - names | needed - values.keys():
                 raise ValueError(f"one with other fields: {', '.join(sorted(others))}")
             values["areas"] = areas_from_json(values.get("areas", "[]"))
         except Exception as error:

@@ -26,18 +26,9 @@ NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})")
-_SHEET = re.compile(r"(\d+\.?\d*)x(\d+\.?\d*)mm")
-MOST_SHEET_MM = 5000.0  # longest side of a sheet
-_ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
-# The number of decimals of a size. A size in cm is then exact to a micrometre.
-_DECIMALS = 4
-# This CSS rule hides all rounds above the round that the address of the file names.
 CURRENT_COLOR = '="currentColor"'  # end of an attribute with the colour that a page sets
-UP_TO_TARGET = "svg>g:target~g{display:none}"
-
-
-# Sizes of paper in mm, the narrower side first.
 MOST_ACROSS = 1e6  # largest width, in any unit
+# Sizes of paper in mm, the narrower side first.
 _PAPERS = {
     "a2": (420, 594), "a3": (297, 420), "a4": (210, 297), "a5": (148, 210), "a6": (105, 148),
     "letter": (215.9, 279.4), "legal": (215.9, 355.6), "tabloid": (279.4, 431.8),
@@ -75,18 +66,19 @@ def check_size(name: str, size: Any) -> str:
 
 def check_aspect(name: str, aspect: Any) -> str:
     """Return `aspect`. Raise InputError unless it is a value that preserveAspectRatio may have."""
-    if not isinstance(aspect, str) or not _ASPECT.fullmatch(aspect):
+    allowed = r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?"
+    if not isinstance(aspect, str) or not re.fullmatch(allowed, aspect):
         raise refusal(name, "none or such as xMidYMid or 'xMinYMax slice'", quoted(aspect))
     return aspect
 
 
 def check_sheet(name: str, sheet: Any) -> str:
     """Return `sheet`. Raise InputError unless it is the name of a paper or such as 300x200mm."""
-    match = _SHEET.fullmatch(sheet) if isinstance(sheet, str) else None
-    if sheet in _PAPERS or (
-        match and all(1 <= float(side) <= MOST_SHEET_MM for side in match.groups())
-    ):
-        return sheet
+    text = sheet if isinstance(sheet, str) else ""
+    match = re.fullmatch(r"(\d+\.?\d*)x(\d+\.?\d*)mm", text)
+    is_size = match and all(1 <= float(side) <= 5000 for side in match.groups())
+    if text in _PAPERS or is_size:
+        return text
     needed = f"{', '.join(_PAPERS)} or a width and a height such as 300x200mm"
     raise refusal(name, needed, quoted(sheet), nearest(str(sheet), _PAPERS))
 
@@ -193,7 +185,8 @@ class Document(OptionGroup):
         if self.size is None or self.is_responsive:
             return None
         across, unit = _width_of("size", self.size)
-        sides = [f"{side:.{_DECIMALS}f}" for side in (across, across * height / width)]
+        # With four decimals, a size in cm is exact to a micrometre.
+        sides = [f"{side:.4f}" for side in (across, across * height / width)]
         if any(float(side) == 0 for side in sides):
             got = f"{self.size}, which makes {width:g}x{height:g} px {' by '.join(sides)}{unit}"
             raise refusal("size", "larger", got)
@@ -242,7 +235,7 @@ class Document(OptionGroup):
         the group below it is half visible, and has its own opacity in the end. Viewers who prefer
         reduced motion see the finished picture at once, and so do programs without CSS.
         """
-        sheet = UP_TO_TARGET if self.fragments and rounds else ""
+        sheet = "svg>g:target~g{display:none}" if self.fragments and rounds else ""
         if self.animate is not None and rounds:
             step = self.animate / (len(rounds) + 1)
             sheet += "@media (prefers-reduced-motion:no-preference){"

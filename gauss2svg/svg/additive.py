@@ -14,7 +14,7 @@ the rounding of the background shifts nothing. Values outside of 0..1 are clippe
 the scene.
 
 An example: three grey Gaussians of +.3, +.4 and -.5 are at one place, on a background of .5. In the
-best order (gauss2svg.svg.headroom) the partial sums are .3 to .8. So 1 / s is .5, or .51 with a
+best order the partial sums are .3 to .8. So 1 / s is .5, or .51 with a
 margin. The canvas begins inverted, because the first Gaussian is added:
 
     drawn                      sum at the mean      canvas
@@ -27,9 +27,9 @@ margin. The canvas begins inverted, because the first Gaussian is added:
     filter                     .7 = .807 - .51 * .208
 
 The canvas is rounded to 8 bits after each layer, so a file with a larger s_c is more accurate.
-gauss2svg.svg.headroom finds an order of the Gaussians that allows a large s_c. gauss2svg.svg.stops
-finds stops whose colours need little rounding. The gradients have no focal offset (fx), because it
-would change nothing here (docs/decisions/svg.md).
+`phases_of` finds an order of the Gaussians that allows a large s_c. `forms.whole_stops` finds stops
+whose colours need little rounding. The gradients have no focal offset (fx), because it would change
+nothing here (docs/decisions/svg.md).
 
 Gaussians are drawn in phases. While a channel is inverted, colours can only be added to it. While
 it is not inverted, they can only be subtracted. So the Gaussians of a phase have the same signs. In
@@ -38,9 +38,24 @@ channel is inverted at a time. The order of the Gaussians does not change their 
 can wait for a later tour, until the canvas can hold its sum. If no Gaussian fits, the one that
 exceeds the range least is drawn.
 
-The range is also checked between pixels (gauss2svg.svg.headroom), so that a file can be drawn at
-any size. If a value is clipped in the end, its sum may exceed the range of the canvas and fold back
-(gauss2svg.svg.headroom.phases_of). This allows a larger scale (docs/decisions/svg.md).
+The range of the canvas includes at least the background and the image. In the example, the excess
+of a Gaussian is how far the sum would be outside of the range .5 to .7 if it were drawn next:
+
+    sum     excess of +.3, +.4, -.5    drawn next
+    .5      .1, .2, .5                 +.3, because all exceed the range, and +.3 by the least
+    .8          .5, .2                 -.5, because its excess is less than that of +.4
+    .3          0                      +.4, and then the sum is the image
+
+In another order the sums would be .5 to 1.2. On such a canvas all values would be rounded more
+coarsely.
+
+Sums are checked at samples, also between pixels, so that a file can be drawn at any size. These are
+the centres of the cells of a grid, and the means of all Gaussians, because a thin Gaussian may peak
+between two centres. Samples are sorted by the row of the grid in which they lie, and then by x.
+Kernels visit the samples that a Gaussian reaches, and store nothing for each Gaussian. So the
+memory depends only on the number of samples. If a value is clipped in the end, its sum may exceed
+the range of the canvas and fold back (`phases_of`). This allows a larger scale
+(docs/decisions/svg.md).
 
     <style>#additive-1a2b3c4d circle,#additive-1a2b3c4d rect{mix-blend-mode:difference}</style>
     <g id="additive-1a2b3c4d" filter="url(#transfer-1a2b3c4d)"> <rect fill="#.."/>
@@ -50,21 +65,21 @@ any size. If a value is clipped in the end, its sum may exceed the range of the 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.core import Kernel
+from gauss2svg.scene import Scene, whitening_of
+from gauss2svg.scene.falloff import RADIUS, profile
 from gauss2svg.svg import SvgFormat
-from gauss2svg.svg.element import Element, hex_color, number, short_id
+from gauss2svg.svg.element import Element, Floats, hex_color, number, short_id
 from gauss2svg.svg.encode import Drawing, layer, matrices_of, radial_gradient, sides_of
-from gauss2svg.svg.headroom import phases_of
-from gauss2svg.svg.stops import Floats, whole_stops
+from gauss2svg.svg.forms import Ints, whole_stops
 
 Ramp = Sequence[tuple[str, str]]  # offset and colour of each stop of a gradient
-WHITE = 255
 # The filter adds this number of levels of 255 to its result. resvg and Chromium truncate the result
 # to whole levels, so 0.5 would be best for them. The other renderers round it, so 0 would be best
 # for them. This number is halfway between those two.
@@ -75,6 +90,24 @@ MARGIN = 0.01
 # The smallest span of the range. At this span, an error of one level on the canvas is only a tenth
 # of a level in the picture, so a smaller span would not make the picture better.
 LEAST_SPAN = 0.1
+# While the order of the Gaussians is chosen, the range of each colour channel is extended at both
+# ends by this much. More Gaussians then stay within the range, so fewer are put off until later.
+SPARE = 0.02
+_DRAWN = -1  # a Gaussian that has been drawn has this value in the array `worst`
+_ANY = 1e300  # larger than the excess of any Gaussian
+
+# The next three numbers limit the grid on which partial sums are sampled (docs/decisions/svg.md).
+FINEST = 4.0  # largest number of samples per px, along x and along y
+SIDE = 1536  # largest number of samples along a side of the grid
+# Largest number of pairs of a Gaussian and a sample that the Gaussian may reach. If Gaussians are
+# wide, a fine grid would have more such pairs, so the grid is made coarser. A coarser grid is exact
+# enough for wide Gaussians.
+TOUCHED = 3e7
+_draw_gaussians = Kernel(
+    "draw_gaussians",
+    "int float float32 int64 float64 float64 float64 float64 float64 float32 float64 float64 int"
+    " int64 float int64 float32 float32 float32",
+)
 
 
 def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
@@ -87,11 +120,11 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     phases, low, high = phases_of(scene)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
     span = np.maximum((1 + 2 * MARGIN) * (high - low), np.maximum(largest, LEAST_SPAN))
-    scale = WHITE / span  # number of levels on the canvas that stand for 1 in the picture
+    scale = 255 / span  # number of levels on the canvas that stand for 1 in the picture
     background_level = np.round(scale * (scene.background - 0.5 * (low + high) + 0.5 * span))
 
     ramps, reach = _ramps(scene, scale, svg_format.stops)
-    matrices = matrices_of(scene, float(cut_radius(1.0)) * reach, svg_format.precision)
+    matrices = matrices_of(scene, RADIUS * reach, svg_format.precision)
     # For each phase, the indices of its Gaussians that are written. A phase in which no Gaussian is
     # written is left out.
     shown = ([i for i in phase.tolist() if ramps[i] and matrices[i]] for phase in phases)
@@ -106,14 +139,14 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
         if (inverts := adds ^ inverted).any():
             # Between two phases, a rectangle inverts the channels whose sign changes. It is in no
             # layer of a phase, so that it stays visible if someone hides such a layer.
-            groups.append(_cover(hex_color(np.where(inverts, WHITE, 0))))
+            groups.append(_cover(hex_color(np.where(inverts, 255, 0))))
         groups.append(layer(_label(index, len(discs), adds), discs, id=f"phase-{index}"))
         inverted = adds
     slope = np.where(inverted, -1, 1) * span
-    level = np.where(inverted, WHITE - background_level, background_level) / WHITE
-    intercept = scene.background - slope * level + HALF_WAY / WHITE
+    level = np.where(inverted, 255 - background_level, background_level) / 255
+    intercept = scene.background - slope * level + HALF_WAY / 255
     transfer = tuple((number(s, 5), number(i, 5)) for s, i in zip(slope, intercept, strict=True))
-    background = hex_color(np.where(first, WHITE - background_level, background_level).astype(int))
+    background = hex_color(np.where(first, 255 - background_level, background_level))
     # Because of the key, two additive drawings in one page have different ids. Ids with a key
     # are longer than the ids of gradients, so the two kinds of ids cannot be equal.
     key = f"{zlib.crc32(repr((transfer, background)).encode()):08x}"
@@ -184,3 +217,109 @@ def _transfer_filter(transfer: Iterable[tuple[str, str]], name: str) -> Element:
     kind = {"color-interpolation-filters": "sRGB", "filterUnits": "userSpaceOnUse"}
     region = {"height": "100%", "id": name, "width": "100%", "x": "0", "y": "0"}
     return Element("filter", [step], **kind, **region)
+
+
+def phases_of(scene: Scene) -> tuple[list[Ints], Floats, Floats]:
+    """Return the phases of an additive scene, and the range of values that its canvas must hold.
+
+    A phase has the indices of Gaussians whose colours have the same signs. The phases are in the
+    order in which they are drawn, and each Gaussian is in one phase.
+
+    The range is given by the lowest values (3,) and the highest values (3,) of the channels. It
+    contains the background, and all values of the image that are in 0..1. It also contains the
+    partial sums, which are the sums after each Gaussian. A partial sum may be outside of the range
+    only where the image is at least as far outside.
+
+    If a value v of the image is above the highest value h, the canvas shows 2 h - v. This is called
+    folding. Folding does no harm if 2 h - v is at least 1, because v and 2 h - v are then both
+    clipped to 1 in the end. So h need only be halfway between 1 and the largest v of the image. In
+    the same way, if the smallest v is below 0, the lowest value of the range need only be halfway
+    between 0 and this v.
+    """
+    samples = _samples_of(scene)
+    background, every = scene.background, np.arange(len(scene))
+    total = np.tile(background.astype(np.float32), (len(samples[2]), 1))
+    lowest, highest, picture = total.copy(), total.copy(), total.copy()
+    worst, free = np.zeros(len(scene), np.intp), np.full(3, np.inf)
+    every_one = len(scene), every, _ANY, worst
+    _draw_gaussians(*samples, picture, -free, free, *every_one, picture, picture, picture)
+    low, high = picture.min(axis=0).astype(np.float64), picture.max(axis=0).astype(np.float64)
+    low = np.minimum(background, np.where(low < 0, 0.5 * low, low))
+    high = np.maximum(background, np.where(high > 1, 0.5 * (1 + high), high))
+    pattern = (scene.color < 0) @ [1, 2, 4]
+    mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
+    by_mass = np.argsort(-mass, kind="stable")
+    worst[:] = 0
+    allowed = picture, low - SPARE, high + SPARE
+
+    def draw(indices: Ints, enough: float) -> int:
+        chosen = len(indices), indices, enough, worst
+        return _draw_gaussians(*samples, *allowed, *chosen, total, lowest, highest)
+
+    order = _order_of(draw, worst, pattern, by_mass)
+    # A partial sum that exceeds the image at the same sample by less than this is not out of range.
+    lowest[lowest > picture - 1e-3] = np.inf
+    highest[highest < picture + 1e-3] = -np.inf
+    low, high = np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
+    return np.split(order, np.flatnonzero(np.diff(pattern[order])) + 1), low, high
+
+
+def _samples_of(scene: Scene) -> tuple[Any, ...]:
+    """Return the first arguments of the kernel: the samples, and the Gaussians of a scene.
+
+    The unit of length is a cell of the grid. The arguments are the number of rows, the radius of a
+    Gaussian in sigmas, x and y (m, 2) of the samples, and the index of the first sample of each row
+    and of the end. Then come the falloff in steps of the squared radius, and the Gaussians' means
+    (n, 2), whitening (n, 3), reaches in x and in y (n, 2) and colours (n, 3).
+    """
+    canvas = np.array([scene.width, scene.height])
+    touched = float(np.minimum(2 * RADIUS * scene.sigma, canvas).prod(axis=1).sum())
+    factor = min(FINEST, SIDE / canvas.max(), np.sqrt(TOUCHED / max(1.0, touched)))
+    size = np.maximum(1, np.ceil(factor * canvas)).astype(int)
+    mean, sigma = scene.mean * (size / canvas), scene.sigma * (size / canvas)
+    y, x = np.mgrid[: size[1], : size[0]] + 0.5
+    within = ((mean >= 0) & (mean < size)).all(axis=1)
+    place = np.concatenate([np.stack([x, y], axis=-1).reshape(-1, 2), mean[within]])
+    key = size[0] * np.floor(place[:, 1]) + place[:, 0]
+    order = np.argsort(key, kind="stable")
+    start = np.searchsorted(key[order], size[0] * np.arange(size[1] + 1))
+    falloff = profile(RADIUS * np.sqrt(np.arange(4097) / 4096), 1.0)  # STEPS of core/headroom.c
+    gaussians = mean, whitening_of(sigma, scene.rho), RADIUS * sigma, scene.color.copy()
+    place = place[order].astype(np.float32)
+    return len(start) - 1, RADIUS, place, start, falloff, *gaussians
+
+
+def _order_of(
+    draw: Callable[[Ints, float], int], worst: Ints, pattern: Ints, by_mass: Ints
+) -> Ints:
+    """Return the indices of all Gaussians, in an order that keeps the totals near low..high.
+
+    draw(indices, enough)  draws the Gaussians whose excess is below `enough`, one after the other.
+                           If `enough` is infinite, it draws none, and returns the one with the
+                           least excess
+    worst    (n,) _DRAWN for the Gaussians that `draw` has drawn
+    pattern  (n,) signs of their colours
+
+    The order is found in tours. A tour visits all patterns of signs, one after the other. At each
+    pattern it tries those Gaussians of this pattern that are not drawn yet, in the order by_mass.
+    It draws each one with which the totals stay in the range. If a tour draws no Gaussian, the
+    Gaussian that exceeds the range least is drawn.
+    """
+    rounding = 1e-4  # a smaller excess may be due to the rounding of float32
+    order, waiting = [by_mass[:0]], by_mass
+    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # a Gray code: each step changes only one sign
+    while waiting.size:
+        before = len(order)
+        for signs in patterns:
+            tried = waiting[pattern[waiting] == signs]
+            if draw(tried, rounding):
+                order.append(tried[worst[tried] == _DRAWN])
+        if len(order) == before:
+            order.append(np.array([draw(waiting, np.inf)]))
+            draw(order[-1], _ANY)
+        waiting = waiting[worst[waiting] != _DRAWN]
+        # Each change of the pattern inverts channels of the canvas. The next tour visits the
+        # patterns in reverse order. So it begins with the last pattern of this tour, and nothing is
+        # inverted between the two tours.
+        patterns = patterns[::-1]
+    return np.concatenate(order)

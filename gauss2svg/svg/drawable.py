@@ -1,395 +1,346 @@
-"""Remarks on what a file has that resvg is not known to draw as browsers do.
+"""The attributes, properties and values that resvg 0.48 and Chromium 156 draw alike, also in CSS.
 
-resvg ignores what it does not know, so a file that a browser draws exactly may get a low score.
-`drawable_values.py` has the values that are known to be drawn alike.
+See docs/decisions/renderers.md. Whatever else SVG or CSS defines gives a remark. Attributes that
+SVG does not define have no effect in any renderer, so they give none.
+
+Browsers read CSS as tinycss2 does. resvg stops to read a list of declarations at the first one that
+its simple grammar does not have, such as a custom property, a slash or nested brackets.
 """
 
 from __future__ import annotations
 
 import re
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
-from PIL import Image
-from PIL.ExifTags import Base
+import tinycss2
+from PIL import ImageColor
 
-from gauss2svg.svg.css import Css, Declaration, css_of, rules_of, text_of
-from gauss2svg.svg.drawable_values import (
-    FONT_SIZE,
-    KINDS,
-    MARKERS,
-    NUMBER,
-    ROOT,
-    TEXTS,
-    XLINK,
-    has_effect,
-    matcher,
-)
 from gauss2svg.svg.file import SVG
 
-_MOST_REMARKS = 20  # the largest number of remarks on a file, of which a note has the first few
-_MOST_CSS = 1_000_000  # the largest length of all style sheets, because tinycss2 takes 3 s for it
-# Elements that resvg draws otherwise than Chromium, or not at all.
-_OTHERWISE = {"feMorphology", "feDisplacementMap", "feDiffuseLighting", "feSpecularLighting"}
-_OTHERWISE |= {"feConvolveMatrix", "feImage", "feTile"}
-# Filter primitives that resvg places wrongly in what is rotated or skewed.
-_PLACED = {"feOffset", "feFlood", "feDropShadow", "feTurbulence"}
-_SUBREGION = {"x", "y", "width", "height"}
-# Elements that resvg chooses in a <switch> if they come first. Browsers skip them.
-_NOT_SWITCHED = {"title", "desc", "metadata", "style", "defs"}
-_NAME = r"-?[a-zA-Z_][\w-]*+"
-_ATTRIBUTE = rf"""\[[\w-]++(?:[~|]?=(?:"[^"\\]*+"|'[^'\\]*+'|{_NAME}))?\]"""
-_COMPOUND = rf"(?:\*|{_NAME})?+(?:[.#]{_NAME}|:first-child|{_ATTRIBUTE})*+"
-# Selectors that resvg applies as browsers do.
-_SELECTOR = re.compile(rf"{_COMPOUND}(?:(?:\s*+[>+]\s*+|\s++){_COMPOUND})*+", re.ASCII)
-# Selectors that match nothing in a still picture.
-_UNMET = re.compile(
-    r"::|:(?:hover|active|focus(?:-visible|-within)?|visited|target)\b"
-    r"|(?<![\w.#-])use(?:\s*>|\s+(?![>+~]))"  # <use> has no children
+XLINK = "{http://www.w3.org/1999/xlink}"
+ROOT = ":root"  # the name of the root in the tables. It is stretched, and is a box of a page
+# Elements with notes of their own, which say how they are drawn.
+TEXTS = {"text", "tspan", "tref", "textPath", "altGlyph", "foreignObject"}
+
+
+def _each(names: str, value: Any) -> dict[str, Any]:
+    return dict.fromkeys(names.split(), value)
+
+
+# The rest of the tables has regular expressions of values. Chromium places nothing at coordinates
+# of 8 digits. resvg reads neither "20." nor a blank after a number. Atomic groups keep the time of
+# a match linear.
+_NEVER = "(?!)"
+NUMBER = r"[+-]?(?>\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?"
+_SHARE = rf"\s*{NUMBER}%?"
+_SIDE = (
+    r"[+-]?(?:(?>\d(?:\.\d+)?|\.\d+)[eE]\+?0?[0-6](?!\d)"
+    r"|(?>\d{1,7}(?!\d)(?:\.\d+)?|\.\d+)(?:[eE]-\d+)?)(?:px|mm|cm|in|pt|pc|em|%)?"
 )
-_TURNS = re.compile(r"rotate|skew|matrix\s*\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])")
-_ID = re.compile(r"""url\(\s*(?:#([^"'()]*)|"#([^"]*)"|'#([^']*)')""")
-# The elements to which a property or a link refers. resvg takes others for missing, or the last
-# of several elements of one id.
-_PAINTS = frozenset(["linearGradient", "radialGradient", "pattern"])
-_REFERENCES = {
-    **dict.fromkeys(["fill", "stroke"], _PAINTS),
-    "clip-path": frozenset(["clipPath"]),
-    "mask": frozenset(["mask"]),
-    "filter": frozenset(["filter"]),
+_LENGTH = rf"\s*{_SIDE}"
+_NAMES = "|".join(["transparent", *sorted(ImageColor.colormap.keys() - {"rebeccapurple"})])
+_N, _PERCENT = rf"\s*{NUMBER}\s*", rf"\s*{NUMBER}%\s*"
+_COLOR = (
+    rf"(?i:#(?:[\da-f]{{3,4}}|[\da-f]{{6}}|[\da-f]{{8}})|{_NAMES}"
+    rf"|rgba?\((?:{_N}(?:,{_N}){{2}}|{_PERCENT}(?:,{_PERCENT}){{2}})(?:,{_N})?\)"
+    rf"|rgb\((?:{_N}(?:\s{_N}){{2}}|{_PERCENT}(?:\s{_PERCENT}){{2}})\)"
+    rf"|hsla?\({_N}(?:,{_PERCENT}){{2}}(?:,{_N})?\)|hsl\({_N}(?:\s{_PERCENT}){{2}}\))"
+)
+_URL = r"""url\(\s*(?:#[^"'()\\%]*|"#[^"\\%]*"|'#[^'\\%]*')\s*\)"""
+_PAINT = (
+    rf"\s*(?:{_COLOR}|none|currentColor|context-fill|context-stroke"
+    rf"|{_URL}(?:\s+(?:none|currentColor|{_COLOR}))?)\s*"
+)
+_COMMA = r"\s*+,?+\s*+"
+_ALIGN = "(?:Min|Mid|Max)"
+_CALL = (
+    "(?:translate|scale|rotate|skewX|skewY|matrix)"
+    rf"\s*+\(\s*+{NUMBER}(?:{_COMMA}{NUMBER})*+\s*+\)"
+)
+_ABSOLUTE = rf"(?:0|{NUMBER}(?:px|mm|cm|in|pt|pc|em))"
+_FUNCTIONS = (
+    rf"(?:\s*(?:blur\({_ABSOLUTE}?\)|hue-rotate\({NUMBER}(?:deg|grad|rad|turn)\)"
+    rf"|(?:brightness|contrast|grayscale|invert|opacity|saturate|sepia)\((?:{NUMBER}%?)?\)"
+    rf"|drop-shadow\((?:{_COLOR}\s+)?{_ABSOLUTE}(?:\s+{_ABSOLUTE}){{1,2}}(?:\s+{_COLOR})?\)))+"
+)
+# The values of properties that are drawn right. `inherit` and `initial` are drawn right too.
+_PROPERTIES = {
+    **_each("fill stroke", _PAINT),
+    "color": _COLOR,
+    "stop-color": rf"{_COLOR}|currentColor",
+    "flood-color": _COLOR,
+    **_each("opacity fill-opacity stroke-opacity stop-opacity flood-opacity", _SHARE),
+    "stroke-width": rf"\s*(?!-){_SIDE}",
+    "stroke-dasharray": rf"none|{_LENGTH}(?:{_COMMA}{_SIDE})*+\s*+",
+    "stroke-dashoffset": _LENGTH,
+    "stroke-linecap": "butt|round|square",
+    "stroke-linejoin": "miter|round|bevel",
+    "stroke-miterlimit": _SHARE,
+    **_each("fill-rule clip-rule", "nonzero|evenodd"),
+    **_each("clip-path mask", rf"none|{_URL}"),
+    **_each("marker marker-start marker-mid marker-end", "none"),  # see _EXCEPTIONS
+    "filter": rf"none|(?:\s*{_URL})+|{_FUNCTIONS}",
+    "display": "none|inline|block|inline-block|flex",
+    "visibility": "visible|hidden|collapse",
+    "overflow": "visible|hidden|auto|scroll",
+    "isolation": "auto|isolate",
+    "mix-blend-mode": "multiply|screen|overlay|darken|lighten|color-dodge|color-burn|hard-light"
+    "|soft-light|difference|exclusion|hue|saturation|color|luminosity|normal",
+    "paint-order": r"normal|(?:fill|stroke|markers)(?:\s+(?:fill|stroke|markers)){0,2}",
+    "mask-type": "luminance|alpha",
+    "vector-effect": "none",
+    "image-rendering": "auto|optimizeQuality|high-quality|smooth",
+    "color-interpolation": "auto|sRGB",
+    "color-interpolation-filters": "sRGB|linearRGB",
+    "background-color": rf"{_COLOR}|none",
+    # CSS takes no blank between numbers, and resvg takes no unit. This leaves what has no unit.
+    "transform": rf"none|(?:(?:scale|matrix)\({_N}(?:,{_N})*+\)\s*+)++",
 }
-# Elements with a note of their own, whose attributes have other meanings.
-_ANIMATIONS = {"animate", "animateTransform", "animateMotion", "animateColor", "set"}
-# The bytes near the end of a whole file. A file without them is decoded to see if it is broken.
-_ENDS = {"PNG": b"IEND", "JPEG": b"\xff\xd9", "GIF": b";"}
-# The media types with which resvg and Chromium draw each format of embedded images.
-_MEDIA_TYPES = {"PNG": ["png"], "JPEG": ["jpeg", "jpg"], "GIF": ["gif"], "WEBP": ["webp"]}
+# Properties that are no attributes, or attributes of another syntax.
+_CSS_ONLY = ["mix-blend-mode", "isolation", "background-color", "marker", "transform"]
+MARKERS = _each("marker marker-start marker-mid marker-end", rf"none|{_URL}")
+# The values of other attributes that are drawn right. All values of all other attributes are.
+_ATTRIBUTES = {
+    **_each("x y width height cx cy r rx ry x1 y1 x2 y2 fx fy fr refX refY", _LENGTH),
+    **_each("markerWidth markerHeight", _LENGTH),
+    **_each("dx dy", NUMBER),
+    "offset": _SHARE,
+    "points": r"[-+.,eE\d\s]*+",
+    "stdDeviation": rf"(?:\s*+,?+\s*+{NUMBER})*+\s*+",
+    # Chromium draws nothing if a side is 0.
+    "viewBox": rf"(?:{_COMMA}{NUMBER}){{2}}(?:{_COMMA}(?![+-]?[0.]+(?:[\s,]|\Z)){NUMBER}){{2}}\s*+",
+    "preserveAspectRatio": rf"\s*(?:none|x{_ALIGN}Y{_ALIGN})?(?:\s+(?:meet|slice))?\s*",
+    **_each(
+        "transform gradientTransform patternTransform",
+        rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+",
+    ),
+    "orient": r"auto|auto-start-reverse|-?[\d.]+",
+    **_each("pathLength requiredFeatures", _NEVER),
+    **_each(f"href {XLINK}href", r"(?s:#[^\s%]*|\s*(?i:data):.*)|"),
+    "systemLanguage": r"[a-z]{2}(?:-[A-Z]{2})?(?:,\s*[a-z]{2}(?:-[A-Z]{2})?)*",
+    # resvg also reads attributes of these namespaces.
+    **{space + name: _NEVER for space in (SVG, XLINK) for name in ("style", *_PROPERTIES)},
+}
+# Patterns for one element, in place of those of the tables above. None stands for any value.
+_EXCEPTIONS: dict[str, dict[str, str | None]] = {
+    ROOT: {
+        **_each("x y width height viewBox overflow preserveAspectRatio", None),
+        "transform": r"none|\s*|translate\(\s*0(?:px)?(?:[\s,]+0(?:px)?)?\s*\)",
+        "display": "inline|block|inline-block",
+        **_each("filter mask clip-path", "none"),
+        "systemLanguage": _NEVER,
+    },
+    **_each("path line polyline polygon use", MARKERS),
+    # draw.io ends its files with an empty group of this feature, which browsers and resvg skip.
+    "g": {**MARKERS, "requiredFeatures": ".*#Extensibility"},
+    "svg": {**MARKERS, **_each("width height", rf"(?!\s*(?:-|[0.]+(?:[a-z%]|\Z))){_LENGTH}")},
+    "a": {**MARKERS, **_each(f"href {XLINK}href", None)},
+    "script": _each(f"href {XLINK}href", None),
+    **_each("clipPath linearGradient radialGradient", _each("display", "inline|block")),
+    "defs": {**_each("display", "inline|block"), "systemLanguage": _NEVER},
+    "marker": {
+        **_each("refX refY", rf"{_LENGTH}|center|left|right|top|bottom"),
+        **_each("opacity clip-path mask filter", "none|1"),
+    },
+    "symbol": _each("x y width height transform", _NEVER),
+    "mask": {"mask": "none", "display": "inline|block"},
+    "pattern": {"overflow": "hidden", "display": "inline|block"},
+    "filter": {"display": "inline|block", **_each(f"href {XLINK}href", _NEVER)},
+    "feTurbulence": {"stitchTiles": "noStitch"},
+    "feGaussianBlur": {"edgeMode": "none"},
+    "feComposite": {"operator": "over|in|out|atop|xor|arithmetic"},
+}
+# Attributes that browsers also take from CSS, and resvg does not.
+_GEOMETRY = {
+    **_each("rect image svg use", "x y width height rx ry"),
+    "circle": "cx cy r",
+    "ellipse": "cx cy rx ry",
+    "path": "d",
+}
+KINDS = {*_EXCEPTIONS, *_GEOMETRY, *TEXTS}
+# Properties that change nothing in a still picture of shapes, those of _check_others apart.
+_WITHOUT_EFFECT = re.compile(
+    "--.*|-(?:inkscape|moz|ms|o|khtml)-.*|-webkit-(?:tap|touch|user|text|font|print|line|overflow)-.*"
+    "|(?:font|text|letter|word|line|glyph|white-space|list|scroll|flex|align|justify|grid|column|row"
+    "|solid|transition|animation|page|break|backface|object)(?:-.*)?|writing-mode|direction"
+    "|unicode-(?:bidi|range)|.*baseline.*|kerning|cursor|pointer-events|user-select|touch-action|speak"
+    "|will-change|(?:shape|text|color)-rendering|color-(?:scheme|profile)|lighting-color|fill-color"
+    "|shape-(?:inside|padding|margin|subtract)|enable-background|z-index|order|gap|perspective"
+    "|transform-(?:origin|style)|(?:print-color|forced-color)-adjust|(?:accent|caret)-color"
+    "|appearance|vertical-align|quotes|content|hyphens|tab-size|aspect-ratio|contain"
+    "|(?:(?:min|max)-)?(?:width|height)|box-sizing|resize|overflow-(?:wrap|anchor)|float"
+    "|clear|border-radius|outline-(?:offset|color)|stroke-(?:alignment|location)|[xydr]|[cr][xy]|src"
+    "|orphans|widows|backdrop-filter|clip|zoom"
+)
+# Properties of boxes, which have an effect on the root alone, and their values that have none.
+_BOX = re.compile(
+    r"(?:padding|margin|border|inset|background)(?:-.*)?|position|left|top|right|bottom|box-shadow"
+)
+FONT_SIZE = rf"(?!-){NUMBER}(?:px|pt|em|%)?|none|inherit"  # the sizes that resvg reads
 
 
-class Drawable:
-    """Remarks on what resvg is not known to draw as browsers do.
+@lru_cache(maxsize=4096)
+def _pattern(element: str, name: str, is_css: bool) -> str | None:
+    """Return the pattern of the values that are drawn right, or None if all values are."""
+    exceptions = _EXCEPTIONS.get(element, {})
+    if name in exceptions:
+        return exceptions[name]
+    if is_css and (name == "all" or name in _GEOMETRY.get(element, "").split()):
+        return _NEVER
+    if name in _PROPERTIES and (is_css or name not in _CSS_ONLY):
+        return f"{_PROPERTIES[name]}|inherit|initial"
+    if not is_css:
+        return _ATTRIBUTES.get(name)
+    if _BOX.fullmatch(name):
+        empty = "0(?:px|%)?|none|auto|static|relative|transparent|(?i:white|#fff|#ffffff)"
+        return rf"(?:(?:{empty})(?:\s+|\Z))+" if element == ROOT else None
+    # Values that change nothing, of whatever property.
+    neutral = "none|auto|normal|0|1|inherit|initial"
+    return None if _WITHOUT_EFFECT.fullmatch(name) else neutral
 
-    A parser of the text calls `start` for each element and `sheet` for each style sheet. After the
-    end of the file, `remarks` returns the remarks.
+
+@lru_cache(maxsize=4096)
+def matcher(element: str, name: str, is_css: bool = False) -> Callable[[str], Any] | None:
+    """Return a function that tells whether a value is drawn right, or None if all values are."""
+    pattern = _pattern(element, name, is_css)
+    return None if pattern is None else re.compile(pattern).fullmatch
+
+
+def has_effect(element: str, name: str) -> bool:
+    """Return whether a property of CSS may change how an element is drawn."""
+    return element not in TEXTS and _pattern(element, name, True) is not None
+
+
+_COMMENT = r"/\*(?:[^*]|\*(?!/))*+"
+# A search for comments alone would take quadratic time if many are not closed.
+_TO_REMOVE = re.compile(rf"{_COMMENT}(?:\*/|\Z)")
+_GAP = rf"(?:\s|{_COMMENT}\*/)*+"
+IDENT = r"-?[a-zA-Z_][\w-]*+"
+_TERM = (
+    rf"""(?:#[\w-]*+|[+\-.\d][\d.]*+(?:%|{IDENT})?|"(?:[^"\\]|\\.)*+"|'(?:[^'\\]|\\.)*+'|,"""
+    rf"""|{IDENT}(?:\([^)\\]*+\))?)"""
+)
+# One declaration as resvg reads it: a name, terms and the word !important. resvg skips a star
+# before the name, but browsers skip the whole declaration.
+_DECLARATION = re.compile(
+    rf"{_GAP}(\*?)(-?[a-z_][\w-]*+){_GAP}:{_GAP}((?:{_TERM}{_GAP})++)(?:(!){_GAP}important{_GAP})?"
+    rf"(?:(?:;{_GAP})++|(?=\}})|\Z)",
+    re.ASCII | re.DOTALL,
+)
+_WITHOUT_EFFECT_AT = re.compile(
+    "font-face|charset|page|property|namespace|counter-style|(?:-(?:webkit|moz|o)-)?keyframes"
+)
+# Queries of media that a still picture on a white page does not meet.
+_UNMET_MEDIA = re.compile(
+    r"print|speech|\(\s*prefers-color-scheme\s*:\s*dark\s*\)"
+    r"|\(\s*prefers-reduced-motion\s*:\s*no-preference\s*\)"
+)
+
+
+class Declaration(NamedTuple):
+    """A declaration of CSS, with its value as text."""
+
+    name: str
+    value: str
+    is_important: bool
+
+
+class Css(NamedTuple):
+    """A list of declarations.
+
+    by_resvg     those that resvg reads
+    by_browsers  those that browsers read
+    is_same      whether both are known to be the same
     """
 
-    def __init__(self, text: str) -> None:
-        self._found: dict[str, None] = {}
-        # The names of elements are kept only if they may be needed.
-        self._has_sheets = "<style" in text or ":style" in text
-        self._has_important = "important" in text
-        self._is_first, self._is_qualified = True, True
-        # For each name of an element, .class and #id: the kinds of element that have it.
-        self._kinds: dict[str, frozenset[str]] = {}
-        self._all, self._sheets, self._css_length = frozenset[str](), list[str](), 0
-        # The names of each element with what is important in its style, and for each important
-        # declaration of a sheet, the names that an element must have.
-        self._named = set[tuple[frozenset[str], frozenset[Declaration]]]()
-        self._important = set[tuple[frozenset[str], Declaration]]()
-        # The kind of element of each id, or "" if several elements have it. Ids are kept only if
-        # they may be needed, like references: pairs of a property and an id.
-        self._has_references = "#" in text
-        self._ids, self._references = dict[str, str](), set[tuple[str, str]]()
-        # For the id of each filter: remarks on it, and the primitive in it that may be misplaced.
-        self._filter, self._in_filters = "", dict[str, dict[str, None]]()
-        self._has_own_units = False  # whether the filter has the units of its shape
-        self._placed = dict[str, str]()
-        self._is_turned, self._has_use = False, False
-        # Remarks on sizes of fonts, which have an effect if a length is in em.
-        self._fonts, self._has_em = dict[str, None](), False
-        self.is_animated = False  # whether CSS animates an element
-        self._before, self._has_auto_marker, self._has_closed = "", False, False
-
-    def add(self, remark: str) -> None:
-        """Add a remark, if there are not too many yet."""
-        _keep(self._found, remark)
-
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
-        """Look at an element and its attributes. The first element is the root."""
-        name = element = tag.removeprefix(SVG)
-        if self._is_first:
-            self._is_first, self._is_qualified, element = False, tag != name, ROOT
-        if self._before == "switch" and ("}" in name or name in _NOT_SWITCHED):
-            self.add(f"<{name.rpartition('}')[2][:40]}> in <switch>")
-        self._before = name
-        if self._has_references and (key := attributes.get("id")):
-            self._ids[key] = "" if key in self._ids else name
-        if "}" in name:
-            return  # no renderer draws an element of another namespace
-        if self._is_qualified and tag == name:
-            self.add(f"<{name[:40]}> without a namespace")
-        if self._has_sheets or self._has_important:
-            classes = [f".{each}" for each in attributes.get("class", "").split()]
-            names = (name, f"#{attributes.get('id', '')}", *classes)
-            kind = element if element in KINDS else "*"
-            self._all = _with(self._all, kind)
-            for each in names:
-                self._kinds[each] = _with(self._kinds.get(each, frozenset()), kind)
-            if self._has_important:
-                styles = [d for d in css_of(attributes.get("style", "")).by_resvg if d.is_important]
-                self._named.add((frozenset(names), frozenset(styles)))
-        if name in TEXTS or name in _ANIMATIONS:
-            return
-        if name == "filter":
-            self._filter = attributes.get("id", "")
-            self._has_own_units = attributes.get("primitiveUnits") == "objectBoundingBox"
-        # Remarks on a filter count if it is used.
-        is_in_filter = name.startswith("fe")
-        remarks = self._in_filters.setdefault(self._filter, {}) if is_in_filter else self._found
-        if name in _OTHERWISE:
-            _keep(remarks, f"<{name}>")
-        for key, value in attributes.items():
-            if key == "style":
-                css = css_of(value)
-                self._check_others(css, f" on <{name}>")
-                self._check_css(element, css, f" on <{name}>")
-            elif (matches := matcher(element, key)) and not matches(value):
-                _keep(remarks, f'{key.rpartition("}")[2]}="{_brief(value)}" on <{name[:40]}>')
-            elif key == "font-size":
-                self._check_font(key, value, f" on <{name}>")
-            elif matches:
-                self._note_use(key, value)
-            if key in ("href", f"{XLINK}href") and name in _PAINTS:
-                self._references.add(("gradient", value[1:]))
-        self._check_combinations(name, attributes, remarks)
-
-    def _note_use(self, name: str, value: str) -> None:
-        """Keep the references of a value, and whether it has a length in em."""
-        self._has_em |= "em" in value and re.search(r"\dem\b", value) is not None
-        if "#" in value and "url" in value:
-            for match in _ID.finditer(value):
-                self._references.add((name, match[match.lastindex or 0].strip()))
-
-    def _check_font(self, name: str, value: str, place: str) -> None:
-        """Keep a remark on a size of a font that resvg does not read as browsers do."""
-        if not re.fullmatch(FONT_SIZE, value) or name != "font-size":
-            _keep(self._fonts, f"{name}: {_brief(value)}{place}")
-
-    def _check_combinations(
-        self, name: str, attributes: dict[str, str], remarks: dict[str, None]
-    ) -> None:
-        """Add remarks on what is drawn right only beside certain other attributes."""
-        if not self._is_turned and "transform" in attributes:
-            self._is_turned = _TURNS.search(attributes["transform"]) is not None
-        if name == "use":
-            self._has_use = True
-        elif name == "marker":
-            self._has_auto_marker |= attributes.get("orient", "").startswith("auto")
-        elif name == "pattern":
-            # resvg draws a tile in whole px, so tiles are blurred and moved if there are several.
-            if {attributes.get("width"), attributes.get("height")} - {"1", "100%"}:
-                self.add("<pattern>")
-        elif name == "feColorMatrix" and attributes.get("type") == "saturate":
-            # Chromium clips what is more saturated than the source otherwise than resvg does.
-            if not re.fullmatch(r"\s*(?:0?\.\d+|[01](?:\.0*)?)\s*", attributes.get("values", "1")):
-                _keep(remarks, "a saturation above 1 by <feColorMatrix>")
-        elif name.startswith("fe"):
-            if name in _PLACED:
-                self._placed[self._filter] = name
-            if self._has_own_units and _SUBREGION & attributes.keys():
-                _keep(remarks, f"<{name[:40]}> with a size in primitiveUnits")
-            elif 0 < len(_SUBREGION & attributes.keys()) < 4:
-                _keep(remarks, f"<{name[:40]}> with a part of x, y, width and height")
-        elif not MARKERS.keys().isdisjoint(attributes):
-            # Markers turn otherwise at the end of a closed path. In arcs their number is another.
-            path = attributes.get("d", "")
-            self._has_closed |= name == "polygon" or re.search("[zZ]", path) is not None
-            if "marker-mid" in attributes and re.search("[aA]", path):
-                self.add("a marker in an arc")
-        if name in _PAINTS:
-            moved = attributes.get("gradientTransform") or attributes.get("patternTransform") or ""
-            for call, arguments in re.findall(r"(scale|matrix)\s*\(([^)]*)", moved):
-                numbers = [float(each) for each in re.findall(NUMBER, arguments)]
-                a, b, c, d, *_ = (*numbers, 0, 0, 0, 0)
-                if (call == "scale" and 0 in numbers) or (call == "matrix" and a * d == b * c):
-                    self.add(f"a scale of 0 on <{name}>")
-
-    def sheet(self, text: str, attributes: dict[str, str]) -> None:
-        """Keep the text of a style sheet, whose element has these attributes."""
-        kind, media = attributes.get("type", "text/css"), attributes.get("media", "").strip()
-        if kind != "text/css":
-            if kind.strip().lower() not in ("", "text/css"):
-                return  # no renderer applies the sheet
-            self.add(f'type="{_brief(kind)}" on <style>')
-        if media not in ("", "all", "screen"):
-            self.add(f'media="{_brief(media)}" on <style>')
-        self._css_length += len(text)
-        self._sheets.append(text)
-
-    def remarks(self) -> tuple[str, ...]:
-        """Return remarks such as "fill: oklch(...) on <rect>", at most _MOST_REMARKS."""
-        if self._css_length > _MOST_CSS:
-            self.add(f"style sheets of more than {_MOST_CSS // 1000} kB")
-        else:
-            for text in self._sheets:
-                self._check_sheet(text)
-        if self._has_important and self._has_conflict():
-            self.add("!important more than once")
-        for name, key in sorted(self._references):
-            kind = self._ids.get(key)
-            if kind is None:
-                if name == "filter":
-                    self.add("a missing filter")
-            elif not kind:
-                self.add(f"the id {_brief(key)} of several elements")
-            elif name in _REFERENCES and kind not in _REFERENCES[name]:
-                self.add(f"{name} of <{kind[:40]}>")
-        used = [key for name, key in sorted(self._references) if name == "filter"]
-        for remark in (each for key in used for each in self._in_filters.get(key, ())):
-            self.add(remark)
-        for remark in self._fonts if self._has_em else ():
-            self.add(remark)
-        if self._has_auto_marker and self._has_closed:
-            self.add("markers on a closed path")
-        for key in used if self._is_turned else ():
-            if key in self._placed:
-                self.add(f"<{self._placed[key]}> beside a rotation or a skew")
-        return tuple(self._found)
-
-    def _check_sheet(self, text: str) -> None:
-        if "<!--" in text:
-            self.add("<!-- in a style sheet")
-        for at_rule, selector, css in rules_of(text):
-            self._check_rule(at_rule, selector, css)
-
-    def _check_rule(self, at_rule: str, tokens: list[Any], css: Css) -> None:
-        """Check the declarations of a rule for each kind of element that its selector may match."""
-        selector = text_of(tokens)
-        if not re.search(r"[(\"']", selector) and _UNMET.search(selector):
-            return
-        kinds = self._matched(tokens) - TEXTS
-        is_applied = not at_rule and _SELECTOR.fullmatch(selector) is not None
-        if kinds:
-            self._check_others(css, "", is_applied)
-        kinds = {kind for kind in kinds if any(has_effect(kind, d.name) for d in css.by_browsers)}
-        if not kinds:
-            return
-        if at_rule:
-            self.add(at_rule)
-        elif not selector or not is_applied:
-            self.add(f"the selector {selector[:40]}")
-        elif self._has_use and re.search(r"[\s>+]", selector):
-            # In the shadow tree of <use>, browsers do not find the ancestors.
-            self.add(f"the selector {selector[:40]} beside <use>")
-        else:
-            for kind in kinds:
-                self._check_css(kind, css, "")
-            last = re.sub(r"\[.*?\]|:first-child", "", re.split(r"[\s>+]", selector)[-1])
-            names = frozenset(re.findall(r"[.#]?[\w-]+", last))
-            self._important.update((names, d) for d in css.by_resvg if d.is_important)
-
-    def _has_conflict(self) -> bool:
-        """Return whether an element may have two important values of one property.
-
-        resvg takes the first of them, and browsers take the last.
-        """
-        if len(self._named) * len(self._important) > 10_000_000:
-            return True  # the search would take seconds
-        for names, styles in self._named:
-            found = {*styles, *(d for needed, d in self._important if needed <= names)}
-            if len(found) > len({d.name for d in found}):
-                return True
-        return False
-
-    def _matched(self, selector: list[Any]) -> frozenset[str]:
-        """Return the kinds of element that a selector may match, by the names in it alone."""
-        kinds, before = self._all, ""
-        for token in selector:
-            if token.type == "whitespace" or token in (">", "+", "~"):
-                kinds, before = (self._all if kinds else kinds), ""
-                continue
-            if token.type == "hash":
-                kinds &= self._kinds.get(f"#{token.value}", frozenset())
-            elif token.type == "ident" and before in ("", "."):
-                kinds &= self._kinds.get(before + token.value, frozenset())
-            before = token.value if token.type == "literal" else token.type
-            if not kinds:
-                break
-        return kinds
-
-    def _check_css(self, element: str, css: Css, place: str) -> None:
-        """Check the declarations that apply to an element."""
-        read = [d for d in css.by_resvg if has_effect(element, d.name)]
-        if not css.is_same:
-            seen = [d for d in css.by_browsers if has_effect(element, d.name)]
-            if [d.name for d in seen] != [d.name for d in read]:
-                lost = [d for d in seen if d not in read] or read
-                self.add(f"{lost[0].name}: {_brief(lost[0].value)}{place}")
-        # The last declaration of a property counts.
-        for name, value in {(d.name, d.is_important): (d.name, d.value) for d in read}.values():
-            matches = matcher(element, name, is_css=True)
-            if matches and not matches(value):
-                self.add(f"{name}: {_brief(value)}{place}")
-            elif matches:
-                self._note_use(name, value)
-
-    def _check_others(self, css: Css, place: str, is_applied: bool = True) -> None:
-        """Look at declarations of animations, and of fonts, whose size is the unit em."""
-        for name, value, _ in css.by_browsers:
-            if name in ("font", "font-size"):
-                self._check_font(name, value if is_applied and css.is_same else "(", place)
-            elif name in ("animation", "animation-name") and value not in (
-                "none",
-                "initial",
-                "unset",
-            ):
-                self.is_animated = True
+    by_resvg: list[Declaration]
+    by_browsers: list[Declaration]
+    is_same: bool
 
 
-def _keep(remarks: dict[str, None], remark: str) -> None:
-    """Add a remark, if there are not too many yet."""
-    if len(remarks) < _MOST_REMARKS:
-        remarks[remark] = None
+@lru_cache(maxsize=4096)
+def css_of(style: str) -> Css:
+    """Return the declarations of the attribute style."""
+    style = re.sub(r"\r\n?|\f", "\n", style)
+    read, end = _by_resvg(style, 0)
+    if re.compile(_GAP).fullmatch(style, end):
+        return Css(read, read, True)
+    return Css(read, _by_browsers(tinycss2.parse_blocks_contents(style, True, True)), False)
 
 
-def picture_remark(picture: Image.Image, data: bytes, declared: str) -> str | None:
-    """Return a remark on an embedded image that resvg draws otherwise than Chromium.
+def rules_of(sheet: str) -> Iterator[tuple[str, list[Any], Css]]:
+    """Yield each selector of a style sheet, as tokens, with its declarations.
 
-    data      bytes of the file of the image
-    declared  media type that its address declares
+    The first item of a tuple is what resvg does not apply: an at-rule around the selector, nested
+    rules, or escapes. It is "" if there is none. Rules that no still picture meets are left out.
     """
-    kind, info = picture.format or "", picture.info
-    media_type = declared.partition(";")[0].strip().lower()
-    types = [f"image/{each}" for each in _MEDIA_TYPES[kind]]
-    if media_type not in ("", "text/plain", *types):
-        return f"a {kind} declared as {media_type[:40]}"
-    if kind != "WEBP" and _is_turned(info.get("exif") or b""):
-        return f"a {kind} with an orientation"
-    if picture.mode == "CMYK" or (kind == "JPEG" and info.get("adobe_transform") == 0):
-        return f"a {kind} in CMYK or without luminance"
-    if getattr(picture, "is_animated", False):
-        return f"an animated {kind}"
-    if _ENDS.get(kind, b"") not in data[-32:] and _is_broken(picture):
-        return f"a broken {kind}"
-    profile = info.get("icc_profile") or b"sRGB"
-    has_gamma = "srgb" not in info and abs(info.get("gamma", 0.45455) - 0.45455) > 0.001
-    if b"sRGB" not in profile.replace(b"\0", b"") or has_gamma or b"cICP" in data[:1000]:
-        return f"a {kind} with colours other than sRGB"
-    return None
+    sheet = re.sub(r"\r\n?|\f", "\n", sheet)  # tinycss2 does it too, and then counts the lines
+    lines = [0, *(match.end() for match in re.finditer("\n", sheet))]
+
+    def offset(node: Any) -> int:
+        return lines[node.source_line - 1] + node.source_column - 1
+
+    waiting = [("", node) for node in reversed(tinycss2.parse_stylesheet(sheet, True, True))]
+    while waiting:
+        reason, node = waiting.pop()
+        inner: list[tuple[str, Any]] = []
+        if node.type == "qualified-rule" and node.content:
+            begin = offset(node.content[0])
+            if "\\" in sheet[offset(node) : begin]:
+                reason = reason or "escapes in a selector"
+            read, end = _by_resvg(sheet, begin)
+            content = tinycss2.parse_blocks_contents(node.content, True, True)
+            css = Css(read, _by_browsers(content), sheet[end : end + 1] in ("}", ""))
+            for selector in _selectors(node.prelude):
+                yield reason, selector, css
+            inner = [(reason or "nested rules", each) for each in content]
+        elif node.type == "at-rule" and node.content is not None:
+            name, query = node.lower_at_keyword, text_of(node.prelude)
+            is_unmet = name == "media" and _UNMET_MEDIA.fullmatch(query)
+            if not is_unmet and not _WITHOUT_EFFECT_AT.fullmatch(name):
+                rule = f"@{name} {query}".strip()[:60]
+                inner = [
+                    (rule, each) for each in tinycss2.parse_rule_list(node.content, True, True)
+                ]
+        waiting += reversed(inner)
 
 
-def _is_broken(picture: Image.Image) -> bool:
+def text_of(nodes: list[Any]) -> str:
+    """Return the text of nodes of tinycss2, or a bracket if they are nested too deeply for it."""
     try:
-        picture.load()
-    except (OSError, ValueError, SyntaxError):
-        return True
-    return False
+        return tinycss2.serialize(nodes).strip()
+    except RecursionError:
+        return "("
 
 
-def _is_turned(content: bytes) -> bool:
-    exif = Image.Exif()
-    with suppress(Exception):  # broken data may raise any exception, and browsers ignore them
-        exif.load(content)
-    return exif.get(Base.Orientation, 1) in range(2, 9)
+def _by_resvg(text: str, begin: int) -> tuple[list[Declaration], int]:
+    """Return the declarations that resvg reads from a position on, and where the others begin."""
+    read: list[Declaration] = []
+    while match := _DECLARATION.match(text, begin):
+        read.append(Declaration(match[2], _TO_REMOVE.sub("", match[3]).strip(), bool(match[4])))
+        if match[1]:
+            break
+        begin = match.end()
+    return read, begin
 
 
-@lru_cache(maxsize=1024)
-def _with(kinds: frozenset[str], kind: str) -> frozenset[str]:
-    """Return the union of a set and a kind. Equal sets are one object, which saves memory."""
-    return kinds | {kind}
+def _by_browsers(nodes: list[Any]) -> list[Declaration]:
+    return [
+        Declaration(node.lower_name, text_of(node.value), node.important)
+        for node in nodes
+        if node.type == "declaration"
+    ]
 
 
-def _brief(value: str) -> str:
-    """Return a value for a remark: on one line, and without the arguments of functions."""
-    return " ".join(re.sub(r"\(.*", "(...)", value[:200], flags=re.DOTALL).split())[:40]
+def _selectors(prelude: list[Any]) -> Iterator[list[Any]]:
+    """Yield the tokens of each selector of a list, without comments."""
+    part: list[Any] = []
+    for token in prelude:
+        if token == ",":
+            yield part
+            part = []
+        elif token.type != "comment" and (part or token.type != "whitespace"):
+            part.append(token)
+    yield part

@@ -1,7 +1,17 @@
-"""Elements of an SVG, and the short texts in them: numbers, colours and ids.
+"""Elements of an SVG: Gaussians' shapes, areas and lines as whole numbers of the user unit.
 
 Element.text writes all elements except the root of an editable file, which svgwrite writes
-(gauss2svg.svg.write).
+(gauss2svg.svg.write). Areas and lines are paths:
+
+    <path fill="#f80" d="m10 10h30v-5c9 4 9 11-2 15z"/>
+    <path fill="none" stroke="#084" stroke-width="3" d="m0 4 9 5s8 2 7-3"/>
+
+Path data begin with m and never with M, so that an area that is a rectangle over the whole canvas
+is not the path that is the background of minimal markup. They have no arcs, which are ellipses.
+
+In minimal markup, consecutive areas that look the same share a path if their boxes do not overlap.
+Such a path draws what the single paths draw. If it is read, it is one area, which is written as the
+same path again.
 
 The size of numbers in a file is limited, because renderers compute in float32, and some renderers
 crash on large numbers.
@@ -9,14 +19,26 @@ crash on large numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from string import ascii_letters
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import SceneError
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ABOVE, Scene
+from gauss2svg.scene.areas import Area, LinearGradient, Outline, Paint, RadialGradient
+
+Floats = NDArray[np.float64]
+# The largest number in a file, in user units. From about 1e9 on, resvg panics. With numbers up to
+# 1e8, the errors of all six renderers are at most 2.1 levels of 255 (docs/decisions/numbers.md).
+LARGEST_NUMBER = 1e8
+# The largest distance of a shape's edge from the origin, in px. Renderers that use cairo are wrong
+# beyond it, because cairo has only 23 bits for whole pixels. At a distance of 1e7 px their errors
+# are 47 levels of 255.
+FARTHEST = 8e6
 
 
 class Element:
@@ -56,11 +78,7 @@ def attributes_text(attributes: Mapping[str, str]) -> str:
 
 
 def clipped(
-    body: Sequence[Element],
-    mean: NDArray[np.float64],
-    half: NDArray[np.float64],
-    canvas: NDArray[np.float64],
-    **attributes: str,
+    body: Sequence[Element], boxes: Floats, canvas: ArrayLike, **attributes: str
 ) -> Sequence[Element]:
     """Return `body`, in an inner <svg> if a shape reaches beyond the canvas.
 
@@ -68,13 +86,18 @@ def clipped(
     beside the view box. An inner <svg> covers the view box and clips what it contains
     (docs/decisions/clip.md).
 
-    mean, half  (n, 2) centres of the shapes, and half of the sides of the boxes around them
-    canvas      (2,) width and height, in the same unit
+    boxes       (n, 4) left, top, right and bottom of the boxes around the shapes
+    canvas      width and height, in the same unit
     attributes  attributes of the inner <svg>
     """
-    if not ((mean < half) | (mean + half > canvas)).any():
+    if not ((boxes[:, :2] < 0) | (boxes[:, 2:] > np.asarray(canvas))).any():
         return body
     return [Element("svg", body, **attributes)]
+
+
+def boxes_of(mean: Floats, half: Floats) -> Floats:
+    """Return boxes (n, 4) with these centres (n, 2) and halves (n, 2) of their sides."""
+    return np.hstack([mean - half, mean + half])
 
 
 def unless(default: str, value: str) -> str | None:
@@ -91,7 +114,7 @@ def number(value: float, decimals: int) -> str:
     return "0" if text == "-0" else text
 
 
-def hex_color(color: Iterable[int], short: bool = True) -> str:
+def hex_color(color: Iterable[float], short: bool = True) -> str:
     """Return three levels in 0..255 as a colour #rrggbb.
 
     If `short` is true, return #rgb for a colour that can be written exactly in this form.
@@ -106,16 +129,6 @@ def short_id(index: int) -> str:
     return (short_id(before - 1) if before else "") + ascii_letters[last]
 
 
-# The largest number in a file, in user units. From about 1e9 on, resvg panics. With numbers up to
-# 1e8, the errors of all six renderers are at most 2.1 levels of 255 (docs/decisions/numbers.md).
-LARGEST_NUMBER = 1e8
-_SMALLEST_CANVAS = 0.01  # shortest allowed side of a canvas, in px
-# The largest distance of a shape's edge from the origin, in px. Renderers that use cairo are wrong
-# beyond it, because cairo has only 23 bits for whole pixels. At a distance of 1e7 px their errors
-# are 47 levels of 255.
-FARTHEST = 8e6
-
-
 def check_view(scene: Scene, precision: float = 1.0) -> None:
     """Raise SceneError if the canvas is too small or too large for a file.
 
@@ -123,9 +136,9 @@ def check_view(scene: Scene, precision: float = 1.0) -> None:
     """
     low, high = sorted((scene.width, scene.height))
     most = LARGEST_NUMBER * precision
-    if low < _SMALLEST_CANVAS or high > most:
+    if low < 0.01 or high > most:
         raise SceneError(
-            f"canvas of an SVG must be {_SMALLEST_CANVAS}..{most:g} px a side at a precision of "
+            f"canvas of an SVG must be 0.01..{most:g} px a side at a precision of "
             f"{precision:g} px; got {scene.width:g}x{scene.height:g} px. Try to scale the scene"
         )
 
@@ -164,3 +177,256 @@ def writable(
             "drop the Gaussian, or a coarser precision"
         )
     return fits
+
+
+def path_data(outline: Outline, unit: float, current: tuple[int, int] | None = None) -> str:
+    """Return the path data of an outline, in whole numbers of units. They are as short as possible.
+
+    unit     user unit in px
+    current  point, in units, at which the path data before it end. None if there are none
+
+    Segments whose ends are rounded to the same point are left out, and the last line of a closed
+    outline is left to z. Return "" if nothing of a closed outline is left. An open outline of which
+    nothing is left becomes a dot.
+    """
+    points = [(round(x / unit), round(y / unit)) for x, y in outline.points]
+    x, y = points[0]
+    if current is None:
+        text, before = f"m{x} {y}".replace(" -", "-"), "l"
+    else:
+        text = _shortest("m", (x - current[0], y - current[1]), (x, y), "")
+        before = "l" if text[0] == "m" else "L"
+    handle, start, at, last = (x, y), text, 0, len(outline.curved) - 1
+    if outline.closed:
+        points.append(points[0])
+    for k, is_curve in enumerate(outline.curved):
+        a, b = c, d = e, f = points[at + 1]
+        if is_curve:
+            (c, d), (e, f) = points[at + 2], points[at + 3]
+        at += 3 if is_curve else 1
+        if not is_curve or ((a, b) == (x, y) and (c, d) == (e, f)):
+            if (e, f) == (x, y) or (k == last and outline.closed):
+                continue
+            if f == y:
+                letter, by, to = "h", (e - x,), (e,)
+            elif e == x:
+                letter, by, to = "v", (f - y,), (f,)
+            else:
+                letter, by, to = "l", (e - x, f - y), (e, f)
+            handle = e, f
+        else:
+            letter, by, to = "s", (c - x, d - y, e - x, f - y), (c, d, e, f)
+            if (a, b) != handle:
+                letter, by, to = "c", (a - x, b - y, *by), (a, b, *to)
+            handle = 2 * e - c, 2 * f - d
+        piece = _shortest(letter, by, to, before)
+        before = piece[0] if piece[0].isalpha() else before
+        text, x, y = text + piece, e, f
+    if text == start:
+        return "" if outline.closed else text + "h0"
+    return text + "z" if outline.closed else text
+
+
+def _shortest(letter: str, by: Sequence[int], to: Sequence[int], before: str) -> str:
+    """Return a command of path data with relative or absolute numbers, whichever is shorter.
+
+    by, to  its relative and its absolute numbers
+    before  the letter that a command without a letter has here
+    """
+    texts = []
+    for name, values in ((letter, by), (letter.upper(), to)):
+        text = " ".join(map(str, values)).replace(" -", "-")
+        texts.append(name + text if name != before else text if text[0] == "-" else " " + text)
+    return min(texts, key=len)
+
+
+def in_units(
+    scene: Scene, areas: Iterable[Area], unit: float, opacity_decimals: int
+) -> tuple[list[Area], Scene]:
+    """Return areas as a file has them, in user units, and the scene without the others.
+
+    scene  scene that has the areas, or whose areas have the same places
+
+    Coordinates and widths are whole numbers. An area is left out if its outlines, its width or its
+    opacity is written as 0. Levels count the areas that are kept. A Gaussian with none of them
+    above it gets the level ABOVE. Raise SceneError if a number is too large for a file.
+    """
+    written, kept = list[Area](), list[int]()
+    for k, one in enumerate(areas):
+        _check_numbers(one, unit)
+        area = one.scaled(1 / unit, 1 / unit)
+        whole = [
+            dataclasses.replace(o, points=tuple((round(x), round(y)) for x, y in o.points))
+            for o in area.outlines
+        ]
+        outlines = tuple(outline for outline in whole if path_data(outline, 1))
+        opacity, width = round(area.opacity, opacity_decimals), round(area.width)
+        if outlines and opacity and (width or not area.is_line):
+            look = {"paint": _whole_paint(area.paint), "opacity": opacity, "width": width}
+            written.append(dataclasses.replace(area, outlines=outlines, **look))
+            kept.append(k)
+    level = np.searchsorted(kept, scene.level)
+    level = np.where((scene.level == ABOVE) | (level == len(kept)), ABOVE, level)
+    if len(kept) == len(scene.areas) and (level == scene.level).all():
+        return written, scene
+    return written, scene.replace(areas=[scene.areas[k] for k in kept], level=level)
+
+
+def _whole_paint(paint: Paint) -> Paint:
+    """Return a paint with whole coordinates and colours of 8 bits."""
+    if isinstance(paint, tuple):
+        return tuple(np.round(np.array(paint) * 255) / 255)
+    colors = np.round(np.array(paint.colors) * 255) / 255
+    changes = {"offsets": np.round(paint.offsets, 3), "colors": colors}
+    if isinstance(paint, RadialGradient):
+        radii = np.maximum(np.round(paint.radii), 1)
+        return dataclasses.replace(paint, center=np.round(paint.center), radii=radii, **changes)
+    start, end = np.round(paint.start), np.round(paint.end)
+    if (start == end).all():  # renderers draw such a gradient in its last colour
+        return tuple(colors[-1])
+    return dataclasses.replace(paint, start=start, end=end, **changes)
+
+
+def _check_numbers(area: Area, unit: float) -> None:
+    """Raise SceneError if a number of an area in px is too large for a file."""
+    places = [point for one in area.outlines for point in one.points]
+    if isinstance(area.paint, LinearGradient):
+        places += [area.paint.start, area.paint.end]
+    elif isinstance(area.paint, RadialGradient):
+        places += [area.paint.center, area.paint.radii]
+    farthest, most = max(area.width, np.abs(places).max()), min(LARGEST_NUMBER * unit, FARTHEST)
+    if farthest > most:
+        raise SceneError(
+            f"numbers of an area must be at most {most:g} px at a precision of {unit:g} px; got "
+            f"{farthest:g} px. Try to scale the scene down, to drop the area, or a coarser "
+            "precision"
+        )
+
+
+class AreaElements(NamedTuple):
+    """The elements of the areas and lines of a file.
+
+    definitions  their gradients, which have the first ids of the file
+    paths        one element for each area, from bottom to top. In minimal markup, several areas may
+                 share an element
+    starts       for each path, the number of areas below it
+    boxes        (n, 4) left, top, right and bottom of the areas, in user units. They are smaller
+                 by a thousandth at each side, so that areas that end at a side of the canvas do not
+                 reach beyond it by a rounding error
+    """
+
+    definitions: list[Element]
+    paths: list[Element]
+    starts: list[int]
+    boxes: Floats
+
+
+def area_elements(
+    areas: Iterable[Area],
+    opacity_decimals: int,
+    is_minimal: bool = False,
+    levels: Collection[int] = (),
+) -> AreaElements:
+    """Return the elements of areas that `in_units` returned.
+
+    levels  levels of the Gaussians among the areas. Areas below and above such a Gaussian never
+            share an element
+    """
+    ids: dict[str, str] = {}
+    definitions, boxes = list[Element](), list[tuple[float, ...]]()
+    # A run is the look of a path, its outlines, and the index of the first box of its areas.
+    runs = list[tuple[dict[str, str | None], list[Outline], int]]()
+    for area in areas:
+        paint = _paint(area.paint, is_minimal)
+        if isinstance(paint, Element):
+            key = paint.text()
+            if key not in ids:
+                ids[key] = short_id(len(ids))
+                definitions.append(paint.replace(id=ids[key]))
+            paint = f"url(#{ids[key]})"
+        look, box = _look(area, paint, opacity_decimals, is_minimal), _box(area)
+        may_share = is_minimal and runs and look == runs[-1][0] and len(boxes) not in levels
+        if may_share and _is_apart(box, boxes[runs[-1][2] :]):
+            runs[-1][1].extend(area.outlines)
+        else:
+            runs.append((look, list(area.outlines), len(boxes)))
+        boxes.append(box)
+    paths = []
+    for k, (look, outlines, _) in enumerate(runs, start=1):
+        data = _data(outlines, ends=not is_minimal or "stroke" in look)
+        paths.append(Element("path", **look, id=None if is_minimal else f"area-{k}", d=data))
+    starts = [start for _, _, start in runs]
+    inner = np.array(boxes).reshape(-1, 4) + np.array([1e-3, 1e-3, -1e-3, -1e-3])
+    return AreaElements(definitions, paths, starts, inner)
+
+
+def _data(outlines: Sequence[Outline], ends: bool) -> str:
+    """Return the path data of outlines in user units.
+
+    ends  whether closed outlines end with z. Filled ones are closed without it
+    """
+    text, current = "", None
+    for outline in outlines:
+        text += path_data(outline, 1, current)
+        at_start = outline.closed
+        if not ends and not outline.curved[-1]:
+            text, at_start = text.removesuffix("z"), False
+        x, y = outline.points[0 if at_start else -1]
+        current = round(x), round(y)
+    return text if ends else text.removesuffix("z")
+
+
+def _look(area: Area, paint: str, opacity_decimals: int, is_minimal: bool) -> dict[str, str | None]:
+    """Return all attributes of the path of an area but its data and its id."""
+    opacity = unless("1", number(area.opacity, opacity_decimals))
+    kind = "" if is_minimal else "stroke-" if area.is_line else "fill-"
+    if not area.is_line:
+        return {"fill": unless("#000", paint) if is_minimal else paint, f"{kind}opacity": opacity}
+    return {
+        "fill": "none",
+        "stroke": paint,
+        "stroke-width": unless("1" if is_minimal else "", number(area.width, 0)),
+        f"{kind}opacity": opacity,
+        "stroke-linecap": unless("butt", area.cap),
+        "stroke-linejoin": "round" if area.cap == "round" else None,
+    }
+
+
+def _box(area: Area) -> tuple[float, ...]:
+    """Return left, top, right and bottom of the box around an area, its strokes included."""
+    points = np.array([point for outline in area.outlines for point in outline.points])
+    # Mitred corners and square ends reach up to two widths beyond an outline, because four is the
+    # default of stroke-miterlimit, and half of the width is on each side.
+    margin = area.width * (0.5 if area.cap == "round" else 2.0)
+    return *(points.min(axis=0) - margin).tolist(), *(points.max(axis=0) + margin).tolist()
+
+
+def _is_apart(box: tuple[float, ...], others: Iterable[tuple[float, ...]]) -> bool:
+    left, top, right, bottom = box
+    return all(right <= a or c <= left or bottom <= b or d <= top for a, b, c, d in others)
+
+
+def _paint(paint: Paint, is_minimal: bool) -> str | Element:
+    """Return a colour as text, or a gradient as an element without an id."""
+    if isinstance(paint, tuple):
+        return hex_color(np.round(np.array(paint) * 255))
+    zero, black = ("0", "#000") if is_minimal else ("", "")
+    stops = []
+    for at, color in zip(paint.offsets, np.round(np.array(paint.colors) * 255), strict=True):
+        look = {"stop_color": unless(black, hex_color(color))}
+        stops.append(Element("stop", offset=unless(zero, number(at, 3)), **look))
+    place: dict[str, str | None] = {"gradientUnits": "userSpaceOnUse"}
+    if isinstance(paint, LinearGradient):
+        (x1, y1), (x2, y2) = ([number(v, 0) for v in p] for p in (paint.start, paint.end))
+        place |= {"x1": unless("0", x1), "y1": unless("0", y1), "x2": x2, "y2": unless("0", y2)}
+        return Element("linearGradient", stops, **place)
+    (cx, cy), (rx, ry) = ([number(v, 0) for v in p] for p in (paint.center, paint.radii))
+    if rx == ry:
+        return Element("radialGradient", stops, **place, cx=cx, cy=cy, r=rx)
+    # If the radii differ, the gradient is a circle of radius 100 under a matrix with two decimals.
+    # With a radius of 1, cairo would round the inverse of the matrix to 1 %
+    # (docs/decisions/svg.md).
+    a, d = (number(v / 100, 2) for v in paint.radii)
+    onto = f"matrix({a} 0 0 {d} {cx} {cy})"
+    place |= {"cx": "0", "cy": "0", "r": "100", "gradientTransform": onto}
+    return Element("radialGradient", stops, **place)

@@ -27,7 +27,7 @@ a disc under a filter. Shapes of the same exponent share a filter. One shape of 
     <circle fill="#084" r="1" transform=".."/> <circle fill="#f80" filter="url(#c)" r="1" ../>
 
 Areas and lines have a layer of their own between the background and these shapes
-(gauss2svg.svg.areas). If some shapes lie below areas (Scene.level), these shapes have layers too,
+(gauss2svg.svg.element). If some shapes lie below areas (Scene.level), these shapes have layers too,
 and the layer of the areas is split:
 
     <g id="areas"> <path id="area-1" d=".."/> </g> <g id="below-area-2-round-1"> <circle ../> </g>
@@ -39,11 +39,14 @@ Crisp rims need two more things (docs/decisions/svg.md):
   would clip the rim.
 - If the exponent is at least LARGE_FROM, the gradient has a radius of 100, and a, b, c and d of the
   matrix are divided by 100. Otherwise cairo would shift the rim of large shapes.
+
+A file of outlines has a stroke along the contour at which the falloff of each shape is 1/2.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from types import MappingProxyType
 from typing import NamedTuple
@@ -52,33 +55,40 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg import portable
+from gauss2svg.options import Field
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, SOFT, Scene
-from gauss2svg.scene.areas import Area, AreaCounts, counted_areas
-from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, drawn_radius, nearest_class
+from gauss2svg.scene.areas import AreaCounts
+from gauss2svg.scene.falloff import (
+    BETA_CLASSES,
+    RIM_WIDTH,
+    cut_radius,
+    drawn_radius,
+    half_radius,
+    nearest_class,
+)
 from gauss2svg.svg import INKS, Document, SvgFormat, round_id
-from gauss2svg.svg.areas import area_elements, box_centers, in_units, with_areas
 from gauss2svg.svg.element import (
+    AreaElements,
     Element,
+    Floats,
+    area_elements,
+    boxes_of,
     check_view,
     clipped,
     hex_color,
+    in_units,
     number,
     short_id,
     unless,
     writable,
 )
-from gauss2svg.svg.forms import BLURS, CLEAR, Blur, as_written, nearest_blurs
-from gauss2svg.svg.stops import Floats, gradient_stops
+from gauss2svg.svg.forms import BLURS, CLEAR, as_written, gradient_stops, nearest_blurs
 
-_LARGE_RADIUS = 100  # radius of a gradient whose exponent is at least LARGE_FROM
 Round = tuple[int, list[Element]]  # the index of a round, and the elements of its shapes
-# The fx of a gradient of radius 1. With fx = 0, resvg is less accurate (docs/decisions/svg.md).
-_FOCUS = 0.001
-
 
 # Shapes with crisp rims are written with other circles and gradients than soft ones. The next four
 # numbers set when and how (docs/decisions/svg.md).
-LARGE_FROM = 16.0  # smallest exponent at which a gradient has the radius _LARGE_RADIUS
+LARGE_FROM = 16.0  # smallest exponent at which a gradient has the radius 100
 # If a rim is at least this wide, in px, the antialiased edge of the circle hardly clips it. Then
 # the circle ends where its gradient ends.
 SOFT_RIM = 1.0
@@ -123,8 +133,8 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     large.
     """
     scene = as_written(scene, svg_format.form)
-    written, kept = in_units(scene.areas, svg_format.precision, svg_format.opacity_decimals)
-    scene = with_areas(scene, kept)
+    precision, decimals = svg_format.precision, svg_format.opacity_decimals
+    written, scene = in_units(scene, scene.areas, precision, decimals)
     plain, blurred, shaded = (scene.drawn == kind for kind in (PLAIN, BLURRED, SOFT))
     blur = nearest_blurs(scene)
     color = np.round(scene.color * 255).astype(np.uint8)
@@ -135,7 +145,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     shared, entry, uses = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     # The definitions that are used most often get the shortest ids. The argsort of an argsort is
     # the rank of each definition.
-    areas = area_elements(written, svg_format.opacity_decimals)
+    areas = area_elements(written, decimals)
     first = len(areas.definitions)
     ids = [short_id(first + k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     links = np.full(len(scene), None, dtype=object)
@@ -144,11 +154,11 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     radius, opacity = drawn_radius(scene.beta, plain), scene.opacity.copy()
     radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
     opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
-    unit = np.where((scene.beta >= LARGE_FROM) & shaded, _LARGE_RADIUS, 1)
+    unit = np.where((scene.beta >= LARGE_FROM) & shaded, 100, 1)
     circle = unit * _widened(scene, shaded)
     shapes = []
-    for i, matrix in enumerate(matrices_of(scene, radius, svg_format.precision, unit)):
-        alpha = number(min(opacity[i], 1.0), svg_format.opacity_decimals)
+    for i, matrix in enumerate(matrices_of(scene, radius, precision, unit)):
+        alpha = number(min(opacity[i], 1.0), decimals)
         if matrix and alpha != "0":
             fill, link = (links[i], None) if shaded[i] else (hex_color(color[i]), links[i])
             more = {"fill_opacity": unless("1", alpha), "filter": link, "r": number(circle[i], 1)}
@@ -160,59 +170,52 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
         for name, (kind, *shade) in zip(ids, shared, strict=True)
         if f"url(#{name})" in used
     ]
-    lower, rounds = layers_by_level(areas.paths, shapes, scene)
-    layers = ink_layers(rounds) if svg_format.layers == INKS else round_layers(rounds)
-    view, sheet = sides_of(scene, svg_format.precision, 6), document.style([k for k, _ in rounds])
     radius[blurred] *= [1 + CLEAR * BLURS[k].deviation for k in blur[blurred]]
-    index = [i for i, _ in shapes]
-    half = radius[index, None] * scene.sigma[index]
-    mean, reach = box_centers(areas.boxes)
-    mean = np.vstack([svg_format.precision * mean, scene.mean[index]])
-    half = np.vstack([svg_format.precision * reach, half])
-    body = clipped_layers([*_background(scene), *lower, *layers], scene, mean, half)
-    definitions = [*areas.definitions, *definitions]
-    return Drawing(view, len(shapes), definitions, body, sheet, areas=counted(scene.areas))
+    half = radius[:, None] * scene.sigma
+    layers_of = ink_layers if svg_format.layers == INKS else round_layers
+    drawing = _drawing(scene, document, shapes, half, areas, precision, layers_of)
+    view = sides_of(scene, precision, 6)
+    return drawing._replace(view=view, definitions=[*areas.definitions, *definitions])
 
 
-def layers_by_level(
-    paths: Sequence[Element], drawn: Sequence[tuple[int, Element]], scene: Scene, **attributes: str
-) -> tuple[list[Element], list[Round]]:
-    """Return the groups of areas and of the shapes below areas, and the rounds above all areas.
+def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Drawing:
+    """Return the drawing of gauss2svg.svg.write.outline_svg, with the same arguments and errors."""
+    check_view(scene)
+    width = Field("stroke_width", float, 0.01, 100.0).checked(stroke_width)
+    # Lengths in px, opacities and degrees have two decimals.
+    strokes = []  # areas and lines, in the first colour of their paint
+    for area in scene.areas:
+        color = area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
+        look = {"paint": color, "opacity": float(area.opacity >= 0.005), "width": width}
+        strokes.append(dataclasses.replace(area, **look, cap="butt"))
+    lines, scene = in_units(scene.replace(transparent=True), strokes, 0.01, 2)
+    root = {"fill": "none", "stroke-width": number(width, 2)}
+    half = half_radius(scene.beta)[:, None] * scene.sigma + 0.5 * float(root["stroke-width"])
+    shapes, areas = _outlines(scene), area_elements(lines, 2)
+    drawing = _drawing(scene, document, shapes, half, areas, 0.01, transform="scale(.01)")
+    return drawing._replace(root=root)
 
-    paths       element of each area of the scene
-    drawn       as in `rounds_of`
-    attributes  attributes of each group of areas
+
+def _outlines(scene: Scene) -> list[tuple[int, Element]]:
+    """Return for each shape its index and an <ellipse> whose stroke has the colour of the shape.
+
+    A shape is left out if its extent or opacity would be written as 0. It is also left out if it is
+    off the canvas and its numbers are too large (gauss2svg.svg.element.writable).
     """
-    runs = groupby(drawn, lambda one: int(scene.level[one[0]]))
-    shapes = {level: rounds_of(list(run), scene) for level, run in runs}
-    above, layers, first, parts = shapes.pop(ABOVE, []), list[Element](), 0, 0
-    for level in (*shapes, len(paths)):
-        if level > first:
-            parts += 1
-            key = f"areas-{parts}" if parts > 1 else "areas"
-            label = f"Areas: {counted(scene.areas[first:level])}"
-            layers.append(layer(label, paths[first:level], id=key, **attributes))
-        for index, inside in shapes.get(level, ()):
-            area = f"area-{level + 1}"
-            label = f"Round {index + 1}, below {area}: {len(inside)} Gaussians"
-            layers.append(layer(label, inside, id=f"below-{area}-{round_id(index)}"))
-        first = level
-    return layers, above
-
-
-def counted(areas: Iterable[Area]) -> str:
-    """Return the numbers of areas and lines as text, or "" if there are none."""
-    count, lines, _ = AreaCounts.of(areas)
-    return counted_areas(count, lines)
-
-
-def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:
-    """Return the index of each round, with the elements of the round's shapes.
-
-    drawn  pairs of a shape's index in the scene and its element, in the order of the file
-    """
-    runs = groupby(drawn, lambda one: int(scene.round_index[one[0]]))
-    return [(index, [element for _, element in run]) for index, run in runs]
+    radius = half_radius(scene.beta)
+    axes, angle_rad = scene.ellipse_axes
+    radii, angles = axes * radius[:, None], np.degrees(angle_rad)
+    drawn = []
+    # A shape is left out if its opacity is under 0.005, because two decimals round this to 0.
+    for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
+        rx, ry, x, y, angle = (number(v, 2) for v in (*radii[i], *scene.mean[i], angles[i]))
+        if "0" in (rx, ry):
+            continue
+        turn = None if angle == "0" or rx == ry else f"rotate({angle} {x} {y})"
+        stroke = hex_color(np.round(scene.color[i] * 255))
+        ellipse = Element("ellipse", cx=x, cy=y, rx=rx, ry=ry, stroke=stroke, transform=turn)
+        drawn.append((i, ellipse))
+    return drawn
 
 
 def round_layers(rounds: Sequence[Round]) -> list[Element]:
@@ -234,16 +237,66 @@ def ink_layers(rounds: Sequence[Round]) -> list[Element]:
     return layers
 
 
-def clipped_layers(
-    body: Sequence[Element], scene: Scene, mean: Floats, half: Floats
-) -> Sequence[Element]:
-    """Return `body`, in an inner <svg> if a shape reaches beyond the canvas (`element.clipped`).
+def _drawing(
+    scene: Scene,
+    document: Document,
+    shapes: Sequence[tuple[int, Element]],
+    half: Floats,
+    areas: AreaElements,
+    unit: float,
+    layers_of: Callable[[Sequence[Round]], list[Element]] = round_layers,
+    **attributes: str,
+) -> Drawing:
+    """Return the drawing of areas and shapes in layers, above the background of the scene.
 
-    mean, half  (n, 2) centres of the shapes, and half of the sides of the boxes around them, in px
+    shapes      pairs of a shape's index in the scene and its element, in the order of the file
+    half        (n, 2) half of the sides of the boxes around the shapes, in px
+    unit        unit of the areas in px
+    layers_of   function that makes layers of the rounds above all areas
+    attributes  attributes of each group of areas
     """
+    lower, rounds = _layers_by_level(areas.paths, shapes, scene, **attributes)
+    background = []
+    if not scene.transparent:
+        rect = {"height": "100%", "id": "background", "width": "100%", "x": "0", "y": "0"}
+        background = [Element("rect", fill=hex_color(np.round(scene.background * 255)), **rect)]
+    index = [i for i, _ in shapes]
+    boxes = np.vstack([unit * areas.boxes, boxes_of(scene.mean[index], half[index])])
     # The inner <svg> is a layer, because otherwise a click in Inkscape would select all of it.
     as_layer = {"inkscape:groupmode": "layer"}
-    return clipped(body, mean, half, np.array([scene.width, scene.height]), **as_layer)
+    body = [*background, *lower, *layers_of(rounds)]
+    body = clipped(body, boxes, (scene.width, scene.height), **as_layer)
+    sheet = document.style([k for k, _ in rounds])
+    counts = AreaCounts.of(scene.areas).without_nodes
+    return Drawing(sides_of(scene), len(shapes), [], body, sheet, areas=counts)
+
+
+def _layers_by_level(
+    paths: Sequence[Element], drawn: Sequence[tuple[int, Element]], scene: Scene, **attributes: str
+) -> tuple[list[Element], list[Round]]:
+    """Return the groups of areas and of the shapes below areas, and the rounds above all areas.
+
+    paths       element of each area of the scene
+    drawn       pairs of a shape's index in the scene and its element, in the order of the file
+    attributes  attributes of each group of areas
+    """
+    shapes: dict[int, list[Round]] = {}
+    keys = scene.level.tolist(), scene.round_index.tolist()
+    for (level, index), run in groupby(drawn, lambda one: tuple(key[one[0]] for key in keys)):
+        shapes.setdefault(level, []).append((index, [element for _, element in run]))
+    above, layers, first, parts = shapes.pop(ABOVE, []), list[Element](), 0, 0
+    for level in (*shapes, len(paths)):
+        if level > first:
+            parts += 1
+            key = f"areas-{parts}" if parts > 1 else "areas"
+            label = f"Areas: {AreaCounts.of(scene.areas[first:level]).without_nodes}"
+            layers.append(layer(label, paths[first:level], id=key, **attributes))
+        for index, inside in shapes.get(level, ()):
+            area = f"area-{level + 1}"
+            label = f"Round {index + 1}, below {area}: {len(inside)} Gaussians"
+            layers.append(layer(label, inside, id=f"below-{area}-{round_id(index)}"))
+        first = level
+    return layers, above
 
 
 def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:
@@ -255,13 +308,6 @@ def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:
 def sides_of(scene: Scene, unit: float = 1.0, decimals: int = 3) -> tuple[str, str]:
     """Return the width and height of the canvas as texts, in units of `unit` px."""
     return number(scene.width / unit, decimals), number(scene.height / unit, decimals)
-
-
-def _background(scene: Scene) -> list[Element]:
-    if scene.transparent:
-        return []
-    fill, whole = hex_color(np.round(scene.background * 255).astype(np.uint8)), "100%"
-    return [Element("rect", fill=fill, height=whole, id="background", width=whole, x="0", y="0")]
 
 
 def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike = 1) -> list[str]:
@@ -297,13 +343,24 @@ def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Eleme
            fewer stops
     """
     if kind >= len(BETA_CLASSES):
-        return _filter(name, BLURS[kind - len(BETA_CLASSES)])
+        blur = BLURS[kind - len(BETA_CLASSES)]
+        # The region of the filter is the box around the disc, with a margin of CLEAR * deviation
+        # times the radius of the disc. It is written in shares of the box around the disc, whose
+        # sides are two radii long. So the margin is divided by 2.
+        margin = number(CLEAR * blur.deviation / 2, 2)
+        size, start = number(1 + 2 * float(margin), 2), f"-{margin}"
+        region = {"height": size, "id": name, "width": size, "x": start, "y": start}
+        source = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
+        step = Element("feGaussianBlur", **source)
+        # By default a filter works in linearRGB, so colours would be rounded once more.
+        return Element("filter", [step], color_interpolation_filters="sRGB", **region)
     beta, shade = BETA_CLASSES[kind], hex_color(color)
-    unit, stops = _LARGE_RADIUS if beta >= LARGE_FROM else 1, []
+    unit, stops = 100 if beta >= LARGE_FROM else 1, []
     for at, value in zip(*gradient_stops(count, beta), strict=True):
         look = {"stop_color": shade, "stop_opacity": unless("1", number(value, 3))}
         stops.append(Element("stop", offset=number(at, 4), **look))
-    return radial_gradient(name, stops, str(unit), number(unit * _FOCUS, 3))
+    # With a focus of 0, resvg would be less accurate (docs/decisions/svg.md).
+    return radial_gradient(name, stops, str(unit), number(unit * 0.001, 3))
 
 
 def radial_gradient(key: str, stops: list[Element], r: str = "1", fx: str | None = None) -> Element:
@@ -314,22 +371,6 @@ def radial_gradient(key: str, stops: list[Element], r: str = "1", fx: str | None
     """
     units = "userSpaceOnUse"
     return Element("radialGradient", stops, cx="0", cy="0", fx=fx, gradientUnits=units, id=key, r=r)
-
-
-def _filter(name: str, blur: Blur) -> Element:
-    """Return the filter of a blur.
-
-    Its region is the box around the disc, with a margin on each side.
-    """
-    # The margin is CLEAR * deviation times the radius of the disc. The region is written in shares
-    # of the box around the disc, whose sides are two radii long. So the margin is divided by 2.
-    margin = number(CLEAR * blur.deviation / 2, 2)
-    size, start = number(1 + 2 * float(margin), 2), f"-{margin}"
-    region = {"height": size, "id": name, "width": size, "x": start, "y": start}
-    source = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
-    step = Element("feGaussianBlur", **source)
-    # By default a filter works in linearRGB, so colours would be rounded once more.
-    return Element("filter", [step], color_interpolation_filters="sRGB", **region)
 
 
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> Floats:

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gauss2svg.errors import InputError, brief, quoted, refusal
-from gauss2svg.files import reason_of
+from gauss2svg.files import UTF16_MARKS, reason_of
 from gauss2svg.options import file_name
 from gauss2svg.scene import Scene
 from gauss2svg.svg import MM, NAMESPACE, signed
@@ -37,8 +37,6 @@ BLANKS = "\ufeff \t\r\n"  # characters that may precede the first <
 # The default limit of a file's size in bytes, after gunzipping. Without a limit, a hostile file
 # could become a thousand times as large when it is gunzipped.
 MOST_BYTES = 256_000_000
-_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # encoding for each byte order mark
-_DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 # Matches all that may precede the root: blanks, comments, processing instructions other than
 # xml-stylesheet, and document types that declare nothing but texts without markup.
 _ENTITY = r"""<!ENTITY\s++([\w.-]++)\s++(?:"([^"'<>&%]{0,200})"|'([^"'<>&%]{0,200})')\s*+>"""
@@ -48,23 +46,13 @@ _BEFORE_ROOT = re.compile(
     rf"""(?:\[(?:\s++|<!--.*?-->|{_ENTITY})*+\]\s*+)?+>)*+""",
     re.DOTALL,
 )
-# The numbers of texts and of references that are replaced. They are limited because a reference may
-# become 200 characters. Illustrator declares a dozen, and refers to each once or twice.
-_MOST_ENTITIES, _MOST_REFERENCES = 100, 1000
 _ATTRIBUTE = re.compile(r"""\s+([^\s=/>]+)\s*=\s*(?:"[^"]*"|'[^']*')""")
 _START_TAG = re.compile(rf"<([^\s/>]+)((?:{_ATTRIBUTE.pattern})*+)")
 # Matches a number. float() alone would also accept nan, inf and 1_000. Possessive quantifiers never
 # give back what they have matched. So the time is linear even if the text has a long run of digits
 # that is no part of a number.
 NUMBER = r"[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+"
-_LENGTH = re.compile(rf"\s*+({NUMBER})({'|'.join(MM)}|)\s*+")
-_STYLED_SIDE = re.compile(rf"(?:^|;)\s*+(width|height)\s*+:\s*+({NUMBER}[a-z]*+)\s*+(?=;|$)")
 _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
-# The bounds of the sides of a frame. Renderers compute with 32-bit floats, and they need a part of
-# the range of these floats for the transform to pixels.
-_LEAST, _MOST = 1e-30, 1e30
-_DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
-_SHAPES = re.compile(rb"<(?:circle|ellipse|path|use)\b[^>]*>")
 
 # The beginning of a file that gauss2svg wrote: the attributes of its root, its description, and the
 # path of its background. Programs that save it again put attributes on lines of their own, or drop
@@ -118,8 +106,9 @@ def read_source(
 
 
 def _decoded(data: bytes, name: str) -> str:
-    declared = _DECLARED.match(data)
-    encoding = _MARKS.get(data[:2]) or (_encoding(declared[1].decode()) if declared else "utf-8")
+    declared = re.match(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""", data)
+    encoding = _encoding(declared[1].decode()) if declared else "utf-8"
+    encoding = "utf-16" if data.startswith(UTF16_MARKS) else encoding
     try:
         return data.decode(encoding)
     except ValueError as error:
@@ -153,11 +142,13 @@ def from_root(text: str) -> str:
     before = _BEFORE_ROOT.match(text)
     end = before.end() if before else 0
     rest = text[end:]
-    # The first declaration of a name counts.
-    found = re.findall(_ENTITY, text[:end])[:_MOST_ENTITIES]
+    # The first declaration of a name counts. Texts and references that are replaced are limited,
+    # because a reference may become 200 characters. Illustrator declares a dozen texts, and refers
+    # to each once or twice.
+    found = re.findall(_ENTITY, text[:end])[:100]
     if values := {name: "".join(texts) for name, *texts in reversed(found)}:
         names = re.compile(f"&({'|'.join(map(re.escape, values))});")
-        rest = names.sub(lambda match: values[match[1]], rest, count=_MOST_REFERENCES)
+        rest = names.sub(lambda match: values[match[1]], rest, count=1000)
     if rest.startswith(("<!DOCTYPE", "<?xml-stylesheet")):
         needed = "without a document type of its own or a style sheet of another file"
         got, advice = quoted(rest[:60]), "to save it as plain SVG"
@@ -234,7 +225,7 @@ def pixels_of(text: str) -> float | None:
 
     Return None if the text is not an absolute length.
     """
-    match = _LENGTH.fullmatch(text)
+    match = re.fullmatch(rf"\s*+({NUMBER})({'|'.join(MM)}|)\s*+", text)
     return float(match[1]) * (MM[match[2] or "px"] / MM["px"]) if match else None
 
 
@@ -246,7 +237,8 @@ def frame_of(root: Mapping[str, str]) -> Frame:
     InputError if there is neither a viewBox nor a width and a height in absolute units. Also raise
     InputError if a number is too large or too small for renderers.
     """
-    styled = dict(_STYLED_SIDE.findall(root.get("style", "")))
+    side_in_style = rf"(?:^|;)\s*+(width|height)\s*+:\s*+({NUMBER}[a-z]*+)\s*+(?=;|$)"
+    styled = dict(re.findall(side_in_style, root.get("style", "")))
     sides = [pixels_of(styled.get(name) or root.get(name, "")) for name in ("width", "height")]
     box = list(map(float, re.findall(NUMBER, root.get("viewBox", ""))))
     if not _LIST.fullmatch(root.get("viewBox", "")) or len(box) != 4 or min(box[2:]) < 0:
@@ -261,11 +253,12 @@ def frame_of(root: Mapping[str, str]) -> Frame:
     if width is None or height is None:
         scales = [s / b for s, b in zip(sides, box[2:], strict=True) if s is not None and b]
         width, height = (side * (scales or [1.0])[0] for side in box[2:])
-    extents = width, height, *box[2:]
-    is_held = all(_LEAST <= side <= _MOST for side in extents) and abs(box[0]) <= _MOST
-    if not (is_held and abs(box[1]) <= _MOST):
-        needed, got = f"above 0 and in {_LEAST:g}..{_MOST:g}", (width, height, *box)
-        shown, advice = " ".join(f"{v:g}" for v in got), "to scale it to the size of the photo"
+    # Renderers compute with 32-bit floats, and they need a part of the range of these floats for
+    # the transform to pixels.
+    are_sides_held = all(1e-30 <= side <= 1e30 for side in (width, height, *box[2:]))
+    if not (are_sides_held and max(abs(box[0]), abs(box[1])) <= 1e30):
+        got, advice = (width, height, *box), "to scale it to the size of the photo"
+        needed, shown = "above 0 and in 1e-30..1e+30", " ".join(f"{v:g}" for v in got)
         raise refusal("width, height and viewBox of the SVG", needed, shown, advice)
     return Frame(width, height, tuple(box))
 
@@ -312,8 +305,9 @@ def bytes_by_part(svg: str) -> dict[str, int]:
     data = svg.encode()
     # The patterns always find whole elements, because texts and attributes have entities in place
     # of the characters < and >.
-    rest = _DEFS.sub(b"", data)
-    gradients, geometry = len(data) - len(rest), sum(map(len, _SHAPES.findall(rest)))
+    rest = re.sub(rb"<defs>.*?</defs>", b"", data, flags=re.DOTALL)
+    shapes = re.findall(rb"<(?:circle|ellipse|path|use)\b[^>]*>", rest)
+    gradients, geometry = len(data) - len(rest), sum(map(len, shapes))
     overhead = len(rest) - geometry
     return {"gradients": gradients, "geometry": geometry, "overhead": overhead}
 

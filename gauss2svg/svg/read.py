@@ -41,7 +41,7 @@ from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, SOFT, Area
 from gauss2svg.scene.falloff import covered_radius, cut_radius
-from gauss2svg.svg import CANVAS, CURRENT_COLOR, read_areas, read_shapes
+from gauss2svg.svg import CANVAS, CURRENT_COLOR, read_values
 from gauss2svg.svg.file import (
     INKSCAPE,
     MOST_BYTES,
@@ -55,47 +55,30 @@ from gauss2svg.svg.file import (
     read_source,
 )
 from gauss2svg.svg.forms import plain_beta
-from gauss2svg.svg.read_shapes import Affine, Fill, color_of, compose, share_of, styled, target_of
+from gauss2svg.svg.read_values import Affine, Fill, color_of, compose, share_of, styled, target_of
 
 # The default limit on the number of elements in a file. The tree of a file with this many elements
 # takes about 3 GB of memory.
 MOST_ELEMENTS = 4_000_000
 _DEEPEST = 100  # largest depth of nested groups
-# A gradient may refer to another gradient, which may refer to a third one, and so on. This is the
-# largest number of gradients in such a chain. In files of Inkscape there are two.
-_LONGEST_CHAIN = 9
 _LABEL = INKSCAPE + "label"
-_OWN_COLOR = re.compile(' color="([^"]*)"')
-_ROUND_LABEL = re.compile(r"Round ([1-9]\d{0,8})\b")
-_ROUND_ID = re.compile(r"(?:below-area-\d+-)?round-([1-9]\d{0,8})")
 _GROUPS = {"svg", "g", "use"}
 _PATHS = {"path", "rect", "polygon", "polyline", "line"}
-_DRAWN = {*_GROUPS, *_PATHS, "circle", "ellipse"}
-# Elements that draw nothing themselves.
 _GRADIENTS = "radialGradient", "linearGradient"
+# Elements that draw nothing themselves.
 _SILENT = {"title", "desc", "metadata", "defs", *_GRADIENTS, "filter", "mask", "style", "clipPath"}
 # Attributes and properties that change how a shape looks. An element with one of them is refused,
-# unless its value is in _OFF, or the pair of the element's tag and the attribute is in _READ.
-_EFFECTS = {
-    "vector-effect",
-    "filter",
-    "mask",
-    "mix-blend-mode",
-    "visibility",
-    "animation",
-}
+# unless its value is none, normal, inherit or visible, or the pair of the element's tag and the
+# attribute is in _READ.
+_EFFECTS = {"vector-effect", "filter", "mask", "mix-blend-mode", "visibility", "animation"}
 _EFFECTS |= {"translate", "rotate", "scale", "transform-origin", "transform-box", "offset-path"}
-_EFFECTS |= {"zoom", "systemLanguage", "all", "vector-effect"}
+_EFFECTS |= {"zoom", "systemLanguage", "all"}
 _EFFECTS |= {"marker", "marker-start", "marker-mid", "marker-end"}
 _READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
-_OFF = {"none", "normal", "inherit", "visible"}
 # Attributes of an inner <svg> that clips the picture. With these values it covers the view box.
 _INNER = {"x": "0", "y": "0", "width": "100%", "height": "100%", "viewBox": "none"}
-_STROKE_FIRST = re.compile("(?!.*fill.*stroke).*stroke")  # the paint-order of a stroke below a fill
 # Attributes of a clipPath, and of a rectangle in it, with which it is not just the rectangle
 _CLIPS = {"clipPathUnits", "clip-path", "mask", "display", "visibility", "transform-origin"}
-# Matches the path that is the background in minimal markup.
-_COVER = re.compile(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0")
 # Once the blanks of a style sheet are removed, this matches each rule that write_svg writes into
 # it. Only the rules for stops are read.
 _RULE = re.compile(
@@ -148,8 +131,7 @@ def read_svg(
 
 def _in_own_color(text: str) -> str:
     """Return a file with the colour of its root in place of currentColor."""
-    root = text[: text.find(">")]
-    own = _OWN_COLOR.search(root)
+    own = re.search(' color="([^"]*)"', text[: text.find(">")])
     if CURRENT_COLOR not in text or text.count(' color="') != bool(own):
         return text
     return text.replace(CURRENT_COLOR, f'="{own[1] if own else "#000"}"')
@@ -159,14 +141,12 @@ class _State(NamedTuple):
     """The state that an element inherits from its ancestors.
 
     onto    map from the user space of the element to px
-    style   attributes of read_areas.INHERITED
+    style   attributes of INHERITED
     in_svg  whether the parent is an <svg>: the root, or the inner one that clips the picture
     """
 
     onto: Affine
-    style: Mapping[str, str] = MappingProxyType({})
-    fill: str = "black"
-    fill_opacity: str = "1"
+    style: Mapping[str, str] = MappingProxyType({"fill": "black", "stroke": "none"})
     opacity: float = 1.0
     round: int = 0
     depth: int = 0
@@ -195,7 +175,7 @@ class _Reader:
         # The opacities of the stops in the style sheet. The keys are ids of gradients.
         self._opacities = defaultdict[str, list[str]](list)
         self._gradient = cache(self._read_gradient)
-        self._arcs = read_shapes.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
+        self._arcs = read_values.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._areas: list[Area] = []
         self._shapes: list[_Shape] = []
         # There are two maps for each shape. The first maps the unit circle onto the outline of the
@@ -231,7 +211,7 @@ class _Reader:
         if space + "}" != SVG or tag in _SILENT:
             return  # an element of another namespace or with a tag in _SILENT draws nothing
         with _naming(element):
-            if tag not in _DRAWN or parent.depth > _DEEPEST:
+            if tag not in {*_GROUPS, *_PATHS, "circle", "ellipse"} or parent.depth > _DEEPEST:
                 needed = f"paths and plain shapes alone, in groups of at most {_DEEPEST}"
                 advice = "to delete it, or to convert it to paths"
                 raise refusal("elements", needed, brief(tag), advice)
@@ -255,7 +235,7 @@ class _Reader:
             if tag == "use":
                 x, y = (numbers(attributes.get(name, "0"), name, 1)[0] for name in ("x", "y"))
                 state = state._replace(onto=compose(state.onto, (1.0, 0.0, 0.0, 1.0, x, y)))
-                children = [target_of(self._by_id, read_shapes.link_of(element), "circle", "use")]
+                children = [target_of(self._by_id, read_values.link_of(element), "circle", "use")]
             elif tag in ("svg", "g"):
                 for name, whole in _INNER.items() if tag == "svg" and parent.depth else ():
                     if (value := attributes.get(name, whole)) != whole:
@@ -273,18 +253,22 @@ class _Reader:
 
     def _add(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
         """Add the shape of an element. A path of minimal markup may have several shapes."""
-        alpha = state.opacity * share_of(state.fill_opacity, "fill-opacity")
+        own_fill, has_stroke = state.style["fill"], state.style["stroke"].lower() != "none"
+        alpha = state.opacity * share_of(state.style.get("fill-opacity", "1"), "fill-opacity")
         data = attributes.get("d", "") if tag == "path" else ""
-        cover, arcs = _COVER.fullmatch(data), self._arcs.get(data)
+        # The path that is the background in minimal markup
+        cover = re.fullmatch(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0", data)
         if cover or tag == "rect":
             return self._cover({**attributes, **(cover.groupdict() if cover else {})}, state, alpha)
-        is_path = tag in _PATHS and not (arcs or read_shapes.is_ellipse(data))
-        if is_path or _has_stroke(state) or self._has_ramp(state.fill):
-            return self._add_area(read_areas.data_of(tag, attributes), attributes, state)
+        edges = list[Affine]()
+        if not (has_stroke or self._has_ramp(own_fill)):
+            edges = self._arcs.get(data) or read_values.edges_of(tag, attributes)
+        if not edges:
+            return self._add_area(read_values.data_of(tag, attributes), attributes, state)
         number = max(self._shapes[-1].round if self._shapes else 0, state.round)
-        for edge in arcs or [read_shapes.outline_of(tag, attributes)]:
-            fill = self._fill_of(state.fill, attributes, edge)
-            if len(arcs or ()) > 1 and (alpha < 1 or fill.drawn != PLAIN):
+        for edge in edges:
+            fill = self._fill_of(own_fill, attributes, edge)
+            if len(edges) > 1 and (alpha < 1 or fill.drawn != PLAIN):
                 raise refusal("ellipses of one path", "opaque and of one colour", "another fill")
             outline, opacity = compose(state.onto, edge), min(1.0, alpha * fill.peak)
             disc = compose(state.onto, fill.disc) if fill.disc else outline
@@ -294,11 +278,11 @@ class _Reader:
 
     def _has_ramp(self, fill: str) -> bool:
         """Return whether a fill is a gradient of opaque colours, and not the falloff of a shape."""
-        if (key := read_shapes.reference_of(fill)) is None:
+        if (key := read_values.reference_of(fill)) is None:
             return False
         first, owner, _ = self._chain(key, *_GRADIENTS)
         clear = (styled(stop).get("stop-opacity", "1") != "1" for stop in owner)
-        is_falloff = read_shapes.link_of(owner) in self._opacities or any(clear)
+        is_falloff = read_values.link_of(owner) in self._opacities or any(clear)
         return first.tag == SVG + "linearGradient" or (len(owner) > 1 and not is_falloff)
 
     def _add_area(self, data: str, attributes: Mapping[str, str], state: _State) -> None:
@@ -307,45 +291,44 @@ class _Reader:
         for name in ("filter", "mask"):
             if (value := attributes.get(name, "none")) != "none":
                 raise refusal(f"its {name}", "none", quoted(value), "to remove it")
-        fill = state.fill, state.fill_opacity
-        stroke = style.get("stroke", "none"), style.get("stroke-opacity", "1")
+        fill, stroke = ((style[n], style.get(f"{n}-opacity", "1")) for n in ("fill", "stroke"))
         looks = [look for look in (fill, stroke) if look[0].lower() != "none"]
         if len(looks) > 1 and opacity < 1:
             needed, advice = "1 with both a fill and a stroke", "to remove one of these"
             raise refusal("its opacity", needed, f"{opacity:g}", advice)
-        if _STROKE_FIRST.match(style.get("paint-order", "normal")):
-            looks.reverse()
+        if re.match("(?!.*fill.*stroke).*stroke", style.get("paint-order", "normal")):
+            looks.reverse()  # the stroke is below the fill
         for look in looks:
             is_line, width, cap = look is stroke, 0.0, "butt"
-            outlines = read_areas.outlines_of(data, state.onto, not is_line)
+            outlines = read_values.outlines_of(data, state.onto, not is_line)
             if is_line:
-                width, cap = read_areas.stroke_of(style, outlines, state.onto, self._onto)
+                width, cap = read_values.stroke_of(style, outlines, state.onto, self._onto)
             elif len(looks) > 1 and max(len(outline.points) for outline in outlines) < 3:
                 continue  # straight lines have no inside, but the fill that is the default
             elif style.get("fill-rule", "nonzero") == "evenodd":
-                outlines = read_areas.nonzero(outlines)
-            if (key := read_shapes.reference_of(look[0])) is None:
+                outlines = read_values.nonzero(outlines)
+            if (key := read_values.reference_of(look[0])) is None:
                 paint = color_of(look[0], "stroke" if is_line else "fill")
             else:
                 first, owner, values = self._chain(key, *_GRADIENTS)
                 tag = first.tag.removeprefix(SVG)
-                paint = read_areas.gradient_of(tag, values, owner, data, state.onto)
+                paint = read_values.gradient_of(tag, values, owner, data, state.onto)
             alpha = opacity * share_of(look[1], "opacity")
             self._areas.append(Area(outlines, paint, alpha, width, cap))
 
     def _fill_of(self, fill: str, attributes: Mapping[str, str], edge: Affine) -> Fill:
         """Return the fill of a shape. Raise InputError if write_svg does not write such a fill."""
         texts = fill, attributes.get("filter", ""), attributes.get("mask", "")
-        gradient_id, blur_id, mask_id = map(read_shapes.reference_of, texts)
+        gradient_id, blur_id, mask_id = map(read_values.reference_of, texts)
         if gradient_id is not None and blur_id is None and mask_id is None:
             return self._gradient(gradient_id, False)
         color = color_of(fill, "fill")
         if mask_id is not None:
-            inside = read_shapes.gradient_id(target_of(self._by_id, mask_id, "mask"), edge)
+            inside = read_values.gradient_id(target_of(self._by_id, mask_id, "mask"), edge)
             return self._gradient(inside, True)._replace(color=color)
         if blur_id is None:
             return Fill(color)
-        blur = read_shapes.blur_of(target_of(self._by_id, blur_id, "filter"), edge)
+        blur = read_values.blur_of(target_of(self._by_id, blur_id, "filter"), edge)
         # write_svg multiplies the opacity of a shape by blur.peak to get the fill-opacity of its
         # blurred disc. 1 / blur.peak undoes this.
         return Fill(color, BLURRED, 1 / blur.peak, blur.beta, blur.radius)
@@ -356,17 +339,17 @@ class _Reader:
         The attributes include those of the gradients to which it refers.
         """
         chain, name = list[Any](), key
-        while name and len(chain) < _LONGEST_CHAIN:
+        while name and len(chain) < 9:  # Inkscape writes two
             chain.append(target_of(self._by_id, name, *tags))
-            name = read_shapes.link_of(chain[-1])
+            name = read_values.link_of(chain[-1])
         values = {name: value for e in reversed(chain) for name, value in e.attrib.items()}
         return chain[0], next((e for e in chain if len(e)), chain[-1]), values
 
     def _read_gradient(self, key: str, in_mask: bool) -> Fill:
         _, owner, values = self._chain(key, "radialGradient")
-        sheet = self._opacities[read_shapes.link_of(owner)]
-        color, beta = read_shapes.stops_of(owner, sheet, in_mask)
-        return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), read_shapes.disc_of(values))
+        sheet = self._opacities[read_values.link_of(owner)]
+        color, beta = read_values.stops_of(owner, sheet, in_mask)
+        return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), read_values.disc_of(values))
 
     def _cover(self, attributes: Mapping[str, str], state: _State, alpha: float) -> None:
         """Store the fill of a rectangle as the background, or add the rectangle as an area.
@@ -374,12 +357,13 @@ class _Reader:
         The background is opaque and of one colour, lies below all shapes, and covers the canvas.
         """
         sides = {**attributes, **{n: str(v) for n, v in self._sides(attributes).items()}}
-        is_lowest = not (self._shapes or self._areas or _has_stroke(state))
-        is_plain = state.fill != "none" and read_shapes.reference_of(state.fill) is None
+        fill, has_stroke = state.style["fill"], state.style["stroke"].lower() != "none"
+        is_lowest = not (self._shapes or self._areas or has_stroke)
+        is_plain = fill != "none" and read_values.reference_of(fill) is None
         if is_lowest and is_plain and alpha == 1 and self._covers(sides, state.onto):
-            self._background = np.array(color_of(state.fill, "fill"))
+            self._background = np.array(color_of(fill, "fill"))
         else:
-            self._add_area(read_areas.data_of("rect", sides), sides, state)
+            self._add_area(read_values.data_of("rect", sides), sides, state)
 
     def _sides(self, attributes: Mapping[str, str]) -> dict[str, float]:
         """Return x, y, width and height of a rectangle, in user units."""
@@ -403,11 +387,11 @@ class _Reader:
 
     def _is_page(self, clip: str, onto: Affine) -> bool:
         """Return whether a clip-path shows the whole canvas, as in files of Figma."""
-        owner = self._by_id.get(read_shapes.reference_of(clip) or "")
+        owner = self._by_id.get(read_values.reference_of(clip) or "")
         if owner is None or owner.tag != SVG + "clipPath" or len(owner) != 1:
             return False
         own = styled(owner[0])
-        moved = compose(onto, read_shapes.transform_of(own.get("transform", "")))
+        moved = compose(onto, read_values.transform_of(own.get("transform", "")))
         is_plain = owner[0].tag == SVG + "rect" and "transform" not in owner.attrib
         is_plain &= not _CLIPS & (owner.attrib.keys() | own.keys())
         return is_plain and self._covers(own, moved)
@@ -424,8 +408,8 @@ class _Reader:
             rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
             good = np.isfinite(rho)
             for linear in (edge[:, :, :2], rows):
-                good &= read_shapes.determinants(linear) != 0
-            good &= read_shapes.beyond_px(edge, disc) <= read_shapes.MOST_BEYOND_PX
+                good &= read_values.determinants(linear) != 0
+            good &= read_values.beyond_px(edge, disc) <= 0.05  # because editors round numbers
         if not good.all():
             with _naming(shapes[int(good.argmin())].element):
                 needed = "an ellipse with an extent that shows all of its gradient"
@@ -435,8 +419,8 @@ class _Reader:
         fills = np.array([(shape.fill.beta, shape.fill.radius) for shape in shapes])
         beta, radius = fills.reshape(-1, 2).T
         plain = beta == 0
-        major = read_shapes.larger_axis(rows[plain])
-        minor = np.abs(read_shapes.determinants(rows[plain])) / major
+        major = read_values.larger_axis(rows[plain])
+        minor = np.abs(read_values.determinants(rows[plain])) / major
         beta[plain] = plain_beta(np.stack([major, minor], axis=1))
         radius[plain] = covered_radius(beta[plain])
         try:
@@ -485,27 +469,21 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     the element has an effect that a scene cannot represent.
     """
     changes: dict[str, Any] = {}
+    off = {"none", "normal", "inherit", "visible"}
     for name, value in attributes.items():
-        if name in ("fill", "fill-opacity") and value != "inherit":
-            changes[name.replace("-", "_")] = value
-        elif name in read_areas.INHERITED and value != "inherit":
+        if name in read_values.INHERITED and value != "inherit":
             changes["style"] = {**changes.get("style", parent.style), name: value}
         elif name == "transform":
-            changes["onto"] = compose(parent.onto, read_shapes.transform_of(value))
+            changes["onto"] = compose(parent.onto, read_values.transform_of(value))
         elif name == "opacity":
             changes["opacity"] = parent.opacity * share_of(value, "opacity")
             if tag in ("svg", "g") and changes["opacity"] < 1:
                 # A scene composites each shape by itself, so a group cannot have an opacity.
                 advice = "to set that of each shape"
                 raise refusal("opacity of a group", "1", quoted(value), advice)
-        elif name in _EFFECTS and (tag, name) not in _READ and value.lower() not in _OFF:
+        elif name in _EFFECTS and (tag, name) not in _READ and value.lower() not in off:
             raise refusal(f"its {name}", "none", quoted(value), "to remove it")
     return parent._replace(**changes) if changes else parent
-
-
-def _has_stroke(state: _State) -> bool:
-    """Return whether the elements of a state have a stroke."""
-    return state.style.get("stroke", "none").lower() != "none"
 
 
 def _side(text: str, name: str, whole: float) -> float:
@@ -520,8 +498,9 @@ def _round_of(group: Any) -> int | None:
     The number is read from the label of the group. If the label has none, it is read from the id.
     Return None if neither has a number.
     """
-    label = _ROUND_LABEL.match(group.get(_LABEL, ""))
-    match = label or _ROUND_ID.fullmatch(group.get("id", ""))
+    label = re.match(r"Round ([1-9]\d{0,8})\b", group.get(_LABEL, ""))
+    own_id = r"(?:below-area-\d+-)?round-([1-9]\d{0,8})"
+    match = label or re.fullmatch(own_id, group.get("id", ""))
     return int(match[1]) - 1 if match else None
 
 

@@ -19,21 +19,16 @@ import dataclasses
 import re
 from collections.abc import Mapping
 from html import escape
-from typing import TYPE_CHECKING
 
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg import CANVAS, CURRENT_COLOR, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
 from gauss2svg.svg.element import Element, attributes_text, hex_color, number
+from gauss2svg.svg.encode import Drawing, encode, encode_outlines, sides_of
 from gauss2svg.svg.forms import GRADIENT
+from gauss2svg.svg.minimal import HEX_DIGITS, minimal_svg
 from gauss2svg.version import __version__
 
-if TYPE_CHECKING:
-    from gauss2svg.svg.encode import Drawing
-
-MARK_MARGIN = 12.0  # mm around a plate, in which its marks and its name are
-ALMOST_BLACK = 8  # largest channel, in 0..255, of an icon whose colour counts as black
-OUTLINE_WIDTH = 0.5  # default width of a stroke, in px
 _PORTABLE = "the alpha-composited form (--portable)"
 
 
@@ -47,7 +42,7 @@ def write_svg(
     their number. The file of a transparent scene has no <rect>.
 
     gauss2svg.svg.minimal explains minimal markup. gauss2svg.svg.additive explains the file of an
-    additive scene, whose layers are phases. plates_and_pens.grouped_by_ink makes layers by ink.
+    additive scene, whose layers are phases. plates.grouped_by_ink makes layers by ink.
 
     Raise InputError in these cases:
 
@@ -76,8 +71,7 @@ def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Sc
     if svg_format.layers != INKS:
         return scene
     document.check_without_layers(f"layers {INKS}", "which are no rounds", f"layers {ROUNDS}")
-    # Imported here because few files need this module.
-    from gauss2svg.svg.plates_and_pens import grouped_by_ink
+    from gauss2svg.svg.plates import grouped_by_ink  # imported here because few files need it
 
     return grouped_by_ink(scene)
 
@@ -97,21 +91,14 @@ def ordered_svg(
         why = "in minimal markup" if is_minimal else "for an additive scene, whose blurs do not add"
         raise refusal("form", f"{GRADIENT!r} {why}", quoted(svg_format.form))
     if is_minimal:
-        from gauss2svg.svg.minimal import minimal_svg  # imported here because few files are minimal
-        from gauss2svg.svg.minimal_shapes import HEX_DIGITS
-
         return minimal_svg(
             scene, svg_format.precision, HEX_DIGITS[-1], document,
             opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops, masked=masked,
         )  # fmt: skip
     if not is_additive:
-        # Imported here because minimal files do not need this module.
-        from gauss2svg.svg.encode import encode
-
         return text_of(encode(scene, svg_format, document), scene, document)
     document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
-    # Imported here because few files need the kernels of this module.
-    from gauss2svg.svg.additive import encode_additive
+    from gauss2svg.svg.additive import encode_additive  # imported here because few files need it
 
     return text_of(encode_additive(scene, svg_format), scene, document)
 
@@ -131,9 +118,9 @@ def _in_current_color(svg: str, scene: Scene) -> str:
     (level,) = levels
     color = hex_color(level)
     svg = re.sub(f'(fill|stroke)="{color}"', rf"\1{CURRENT_COLOR}", svg)
-    # A black icon takes the colour of its page. Minimal markup has no black fills, because black is
-    # the default.
-    is_black = max(level) <= ALMOST_BLACK
+    # An icon that is black within 8 levels takes the colour of its page. Minimal markup has no black
+    # fills, because black is the default.
+    is_black = max(level) <= 8
     root = f"<svg fill{CURRENT_COLOR}" if is_black else f'<svg color="{color}"'
     return svg.replace("<svg", root, 1)
 
@@ -149,8 +136,7 @@ def plate_svg(
     All plates of a scene have the same size, so that they can be printed over each other. Raise
     InputError if the scene is not in inks (Scene.inks), or if it does not have this ink.
     """
-    # Imported here because few files need this module.
-    from gauss2svg.svg.plates_and_pens import plate_of
+    from gauss2svg.svg.plates import plate_of  # imported here because few files need it
 
     tones = {ink: 1.0} if isinstance(ink, str) else ink
     plate = plate_of(required(scene, "scene", Scene), tones)
@@ -169,11 +155,12 @@ def with_marks(plate: str, scene: Scene, document: Document | None, name: str) -
     """
     document = instance(document, "document", Document)
     each = document.mm_each(scene.width)
-    width, height, margin = each * scene.width, each * scene.height, MARK_MARGIN
+    width, height = each * scene.width, each * scene.height
+    margin = 12.0  # mm around the plate, in which its marks and its name are
     across, down = width + 2 * margin, height + 2 * margin
     middles = ((across / 2, margin / 2), (across / 2, down - margin / 2))
     middles += ((margin / 2, down / 2), (across - margin / 2, down / 2))
-    r, d = MARK_MARGIN / 4, ""
+    r, d = margin / 4, ""
     for x, y in middles:
         d += f"M{x - r:.3f} {y:.3f}h{2 * r}m{-r} {-r}v{2 * r}"
         d += f"M{x + r / 2:.3f} {y:.3f}a{r / 2} {r / 2} 0 1 1 {-r} 0 {r / 2} {r / 2} 0 1 1 {r} 0"
@@ -193,17 +180,14 @@ def with_marks(plate: str, scene: Scene, document: Document | None, name: str) -
         Element("path", d=d, fill="none", stroke="#000", stroke_width="0.2", id="marks"),
         Element("text", escape(name), font_family="sans-serif", id="name", **text),
     ]
-    texts = [one.text() for one in body]
-    texts.insert(0, root + plate[end:].rstrip())
+    texts = [root + plate[end:].rstrip(), *(one.text() for one in body)]
     outer = {"xmlns": "http://www.w3.org/2000/svg"} | {k: f"{v}mm" for k, v in sides.items()}
     outer["viewBox"] = f"0 0 {sides['width']} {sides['height']}"
     head = '<?xml version="1.0" encoding="utf-8"?>\n'
     return f"{head}<svg{attributes_text(outer)}>{''.join(texts)}</svg>\n"
 
 
-def outline_svg(
-    scene: Scene, document: Document | None = None, stroke_width: float = OUTLINE_WIDTH
-) -> str:
+def outline_svg(scene: Scene, document: Document | None = None, stroke_width: float = 0.5) -> str:
     """Return the SVG text of a scene whose shapes are drawn as strokes alone.
 
     Each shape is an <ellipse> along the contour at which the falloff is half of its height. Its
@@ -220,9 +204,6 @@ def outline_svg(
     if scene.blend == ADD:
         got = "'add', whose colours are differences and show nothing by themselves"
         raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
-    # Imported here because few files need this module.
-    from gauss2svg.svg.plates_and_pens import encode_outlines
-
     return text_of(encode_outlines(scene, document, stroke_width), scene, document)
 
 
@@ -233,8 +214,6 @@ def text_of(drawing: Drawing, scene: Scene, document: Document) -> str:
     """
     import svgwrite  # imported here because it is slow to import and minimal files do not need it
     from svgwrite.extensions import Inkscape
-
-    from gauss2svg.svg.encode import sides_of
 
     canvas = sides_of(scene)
     document = dataclasses.replace(document, size=drawing.size or document.size)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gauss2svg.scene import Scene
-from gauss2svg.svg.stops import gradient_stops
+from gauss2svg.svg.forms import gradient_stops
 
 PER_SHAPE = ("mean", "covariance", "color", "opacity", "beta", "round_index")
 SPACES = (

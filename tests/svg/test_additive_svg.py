@@ -15,8 +15,8 @@ from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg import SvgFormat
-from gauss2svg.svg.headroom import phases_of
-from gauss2svg.svg.stops import gradient_stops, whole_stops
+from gauss2svg.svg.additive import phases_of
+from gauss2svg.svg.forms import gradient_stops, whole_stops
 from gauss2svg.svg.write import write_svg
 
 EXACT = SvgFormat(stops=8, precision=0.01)

@@ -17,7 +17,7 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import PLAIN, Area, LinearGradient, Outline, RadialGradient, Scene
 from gauss2svg.svg import Document, SvgFormat
-from gauss2svg.svg.areas import path_data
+from gauss2svg.svg.element import path_data
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.svg.minimal import as_written
 from gauss2svg.svg.read import read_svg
@@ -27,6 +27,17 @@ from gauss2svg.svg.write import outline_svg, write_svg
 seeds = st.integers(0, 2**32 - 1)
 markups = st.sampled_from(["editable", "minimal"])
 sides = st.sampled_from([(40, 30), (61.3, 17.7), (256, 3)])
+
+
+def numbers_of(area: Area) -> list[float]:
+    """All numbers of an area."""
+    numbers = [area.opacity, area.width, *np.ravel([o.points[0] for o in area.outlines])]
+    numbers += [v for outline in area.outlines for point in outline.points for v in point]
+    if isinstance(area.paint, tuple):
+        return [*numbers, *area.paint]
+    own = area.paint
+    place = [*own.start, *own.end] if isinstance(own, LinearGradient) else [*own.center, *own.radii]
+    return [*numbers, *own.offsets, *np.ravel(own.colors), *place]
 
 
 @given(
@@ -45,7 +56,6 @@ def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
     # Minimal files do not have the size of the canvas in px beside another size.
     page = Document(size=printed) if markup == "editable" else Document()
     svg = write_svg(scene, svg_format, page)
-    assert Survey(svg[svg.index("<svg") :]).remarks == ()
     assert sum(bytes_by_part(svg).values()) == len(svg)
     back = read_svg(svg)
     if gaussians and markup == "editable":  # whose files are the same from the second time on
@@ -57,34 +67,6 @@ def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
     assert write_svg(back.scaled(scale).select([]), halved).count("<path") == write_svg(
         back.select([]), svg_format
     ).count("<path")
-
-
-def numbers_of(area: Area) -> list[float]:
-    """All numbers of an area."""
-    numbers = [area.opacity, area.width, *np.ravel([o.points[0] for o in area.outlines])]
-    numbers += [v for outline in area.outlines for point in outline.points for v in point]
-    if isinstance(area.paint, tuple):
-        return [*numbers, *area.paint]
-    own = area.paint
-    place = [*own.start, *own.end] if isinstance(own, LinearGradient) else [*own.center, *own.radii]
-    return [*numbers, *own.offsets, *np.ravel(own.colors), *place]
-
-
-@given(seeds, markups)
-def test_areas_whose_numbers_a_file_can_hold_are_read_as_they_were(seed, markup):
-    svg_format = SvgFormat(markup=markup, precision=0.25)
-    first = read_svg(write_svg(Scene(40, 30, areas=random_areas(6, seed)), svg_format))
-    again = read_svg(write_svg(first, svg_format))
-    assert len(again.areas) == len(first.areas)
-    for area, before in zip(again.areas, first.areas, strict=True):
-        assert area.cap == before.cap
-        assert [o.curved for o in area.outlines] == [o.curved for o in before.outlines]
-        assert numbers_of(area) == pytest.approx(numbers_of(before), abs=1e-9)
-    if markup == "editable":
-        rounded = as_written(first, 0.25).areas
-        assert [numbers_of(one) for one in rounded] == [
-            pytest.approx(numbers_of(one), abs=1e-9) for one in first.areas
-        ]
 
 
 def plain_svg(area: Area, scale: float) -> str:
@@ -222,7 +204,8 @@ def test_levels_of_a_file_count_the_areas_that_are_written(markup):
     svg = write_svg(scene, svg_format)
     back, levels = read_svg(svg), [0, 1, 1, 2, 2, -1, -1, -1]
     assert (back.level.tolist(), len(back.areas)) == (levels, 3)
-    assert as_written(scene, 1.0).level.tolist() == levels
+    rounded = as_written(scene, 1.0)
+    assert (rounded.level.tolist(), rounded.areas) == (levels, back.areas)
     assert markup == "minimal" or back.round_index.tolist() == scene.round_index.tolist()
     for other in (svg, outline_svg(scene)):
         ids = re.findall(r' id="([^"]*)"', other)
@@ -295,69 +278,6 @@ def test_the_same_area_however_an_editor_writes_it(area, body):
     assert [o.closed for o in back.outlines] == [o.closed for o in area.outlines]
 
 
-FILL = 'fill="red" d="m0 0h9v9z"'
-STROKE = 'fill="none" stroke="red" d="m0 0h9v9"'
-STAR = "m20 2 6 20-16-12h20l-16 12z"
-STOPS = '<stop offset="0"/><stop offset="1" stop-color="red"/>'
-SPACE = 'gradientUnits="userSpaceOnUse"'
-DEFS = (
-    f'<linearGradient id="box" x2="1">{STOPS}</linearGradient>'
-    f'<linearGradient id="again" {SPACE} spreadMethod="reflect" x2="9">{STOPS}</linearGradient>'
-    f'<linearGradient id="none" {SPACE} x2="9"/>'
-    f'<linearGradient id="point" {SPACE} x1="9" x2="9">{STOPS}</linearGradient>'
-    f'<linearGradient id="share" {SPACE}>{STOPS}</linearGradient>'
-    f'<linearGradient id="clear" {SPACE} x2="9"><stop stop-opacity=".5"/></linearGradient>'
-    f'<radialGradient id="tilt" {SPACE} cx="1" cy="1" r="1" '
-    f'gradientTransform="matrix(2 1 0 1 0 0)">{STOPS}</radialGradient>'
-    f'<radialGradient id="focus" {SPACE} cx="1" cy="1" r="1" fx="1.5">{STOPS}</radialGradient>'
-    '<pattern id="dots"/><clipPath id="part"><rect width="40" height="20"/></clipPath>'
-    '<clipPath id="round"><rect width="40" height="30" rx="2"/></clipPath>'
-)
-REFUSED = {
-    f'<path {FILL} filter="url(#a)"/>': "its filter must be none",
-    f'<circle r="9" mask="url(#a)" {STROKE}/>': "its mask must be none",
-    f'<path opacity=".5" stroke="#000" {FILL}/>': "its opacity must be 1 with both a fill and a",
-    f'<path clip-path="url(#a)" {FILL}/>': "its clip-path must be none, or an upright rectangle",
-    f'<g clip-path="url(#part)"><path {FILL}/></g>': "its clip-path must be .* got 'url.#part.'",
-    f'<g clip-path="url(#share)"><path {FILL}/></g>': "its clip-path must be none",
-    f'<g clip-path="url(#round)"><path {FILL}/></g>': "its clip-path must be none",
-    f'<path style="mix-blend-mode:multiply" {FILL}/>': "its mix-blend-mode must be none",
-    f'<path marker-end="url(#a)" {STROKE}/>': "its marker-end must be none",
-    f'<path stroke-dasharray="3 1" {STROKE}/>': "its stroke-dasharray must be none; got '3 1'",
-    f'<path stroke-miterlimit="9" {STROKE}/>': "its stroke-miterlimit must be 4",
-    f'<path stroke-linejoin="bevel" {STROKE}/>': "stroke-linejoin must be .* got butt and bevel",
-    f'<path stroke-width="0" {STROKE}/>': "its stroke-width must be above 0; got '0'",
-    f'<path stroke-width="5%" {STROKE}/>': "stroke-width must be a finite number",
-    f'<path vector-effect="non-scaling-stroke" {STROKE}/>': "its vector-effect must be none",
-    f'<path transform="scale(1 2)" {STROKE}/>': "transforms of a stroke must be without",
-    f'<g transform="matrix(1 0 .1 1 0 0)"><path {STROKE}/></g>': "transforms of a stroke",
-    f'<g opacity=".5"><path {FILL}/></g>': "opacity of a group must be 1",
-    f'<path fill-rule="evenodd" fill="red" d="{STAR}"/>': "its fill-rule must be nonzero where",
-    '<path fill="red" d="m0 0h9v9a5 5 0 0 2 3 3z"/>': "its d must be an ellipse of four arcs, or",
-    '<path fill="red" d="m0 0q9 0 9 9t3z"/>': "or lines and curves; got 'm0 0q9 0",
-    '<path fill="red" d="l9 9 3 0z"/>': "lines and curves",
-    '<path fill="red" d="m0 0c9 9 3 0z"/>': "lines and curves",
-    '<path fill="red" d="m0 0z9v9"/>': "lines and curves",
-    '<path fill="red" d="m0 0z"/>': "lines and curves",
-    '<path fill="red" d=""/>': "lines and curves",
-    '<path fill="red" d="m0 0h1e999v9z"/>': "points of an outline must be",
-    '<polygon fill="red" points="3 4 5"/>': "its d must be .*lines and curves; got 'M3 4 5z'",
-    '<rect fill="red" width="1cm" height="9"/>': "width must be a finite number; got '1cm'",
-    '<path fill="url(#box)" d="m0 0h9z"/>': "its gradient must be longer than 0",
-    '<path fill="url(#again)" d="m0 0h9v9z"/>': "its gradient must be in user space",
-    '<path fill="url(#none)" d="m0 0h9v9z"/>': "offsets of a gradient must be 2",
-    '<path fill="url(#point)" d="m0 0h9v9z"/>': "its gradient must be longer than 0",
-    '<path fill="url(#share)" d="m0 0h9v9z"/>': "x2 must be a finite number; got '100%'",
-    '<path fill="url(#clear)" d="m0 0h9v9z"/>': "stops of the gradient of an area must be opaque",
-    '<path fill="url(#tilt)" d="m0 0h9v9z"/>': "a circle or an upright ellipse",
-    '<path fill="url(#focus)" d="m0 0h9v9z"/>': "with its focus at the centre",
-    '<path fill="url(#gone)" d="m0 0h9v9z"/>': "its reference must be to a radialGradient",
-    '<path fill="url(#dots)" d="m0 0h9v9z"/>': "its reference must be to a radialGradient",
-    '<image href="a.png" width="9" height="9"/>': "<image.* elements must be paths",
-    "<text>a</text>": "<text>: elements must be paths and plain shapes .* Try .* to convert it",
-}  # fmt: skip
-
-
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
 @pytest.mark.parametrize("color", [(0.0, 0.0, 0.0), (0.8, 0.2, 0.0)])
 @pytest.mark.parametrize("clear", [False, True])
@@ -390,13 +310,6 @@ def test_an_almost_black_icon_takes_the_colour_of_its_page():
     svg = write_svg(Scene(40, 30, areas=areas, transparent=True), SvgFormat(current_color=True))
     assert 'fill="currentColor"' in svg
     assert " color=" not in svg
-
-
-@pytest.mark.parametrize("body", REFUSED)
-def test_areas_that_a_scene_cannot_have_are_refused_in_one_line(body):
-    with pytest.raises(InputError, match=REFUSED[body]) as caught:
-        read_svg(document(body, DEFS))
-    assert "\n" not in str(caught.value)
 
 
 def test_scenes_that_a_file_cannot_have_are_refused():

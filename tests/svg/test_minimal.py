@@ -18,9 +18,8 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import MOST_BETA, covered_radius
-from gauss2svg.svg import SvgFormat, minimal_shapes
-from gauss2svg.svg.minimal import as_written, minimal_svg, whole_unit
-from gauss2svg.svg.minimal_shapes import colors_together, projections
+from gauss2svg.svg import SvgFormat, minimal
+from gauss2svg.svg.minimal import as_written, colors_together, minimal_svg, projections, whole_unit
 from gauss2svg.svg.write import write_svg
 
 SIDE = 96
@@ -73,7 +72,7 @@ def match(scene: Scene, unit: float, digits: int = 6, renderer: str = "resvg") -
 def test_the_file_draws_the_rounded_scene(renderer, most_masked, monkeypatch):
     if renderer != "resvg":
         needs(renderer)
-    monkeypatch.setattr(minimal_shapes, "MOST_MASKED", most_masked)
+    monkeypatch.setattr(minimal, "MOST_MASKED", most_masked)
     kinds = [(soft_scene(40), NEAR), (several_falloffs(), NEAR_CRISP)]
     for unit in (0.04, 1.5):
         for scene, least in kinds if renderer != "chromium" else kinds[unit > 1 :][:1]:
@@ -170,8 +169,8 @@ def ordered_slowly(mean, factor, color, key, margin) -> list[int]:
 @pytest.mark.parametrize("remembered", [0, 4, 256])
 @pytest.mark.parametrize(("colors", "radius"), [(1, 9.0), (2, 2.0), (2, 60.0), (6, 9.0)])
 def test_shapes_are_ordered_as_by_comparing_all_pairs(colors, radius, remembered, monkeypatch):
-    monkeypatch.setattr(minimal_shapes, "_MOST_REMEMBERED", remembered)
-    monkeypatch.setattr(minimal_shapes, "_CELLS", 1000)
+    monkeypatch.setattr(minimal, "_MOST_REMEMBERED", remembered)
+    monkeypatch.setattr(minimal, "_CELLS", 1000)
     for seed in range(3):
         shapes = circles(150, colors, radius, seed)
         assert colors_together(*shapes).tolist() == ordered_slowly(*shapes)

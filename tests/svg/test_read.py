@@ -19,7 +19,7 @@ from gauss2svg.render import render
 from gauss2svg.scene import BLURRED, PLAIN, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.scene.scene import PARAMETERS
-from gauss2svg.svg import STOP_COUNTS, Document, Form, SvgFormat, minimal_shapes
+from gauss2svg.svg import STOP_COUNTS, Document, Form, SvgFormat, minimal
 from gauss2svg.svg.forms import BLURS, GRADIENT, as_written, is_plain
 from gauss2svg.svg.minimal import as_written as minimal_as_written
 from gauss2svg.svg.minimal import minimal_svg
@@ -90,7 +90,7 @@ def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
 ):
     scene = mixed_scene(count, seed)
     written = SvgFormat(markup="minimal", precision=precision, stops=stops)
-    with patch.object(minimal_shapes, "MOST_MASKED", most_masked):
+    with patch.object(minimal, "MOST_MASKED", most_masked):
         svg = write_svg(scene, written)
         back = read_svg(svg)
         assert_read_as(back, minimal_as_written(scene, precision, 6))
@@ -159,8 +159,8 @@ def test_canvas_is_in_px_whatever_the_units(root, scale, shift):
         '<circle cx="4" r="1" transform="matrix(9 2 0 6 -16 7)" fill="url(#own)"/>',
         '<circle r="1" d="M0 0a5 5 0 101 0" transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>'
         "<!-- <?xml-stylesheet?> -->",
-        '<defs><circle id="c" r="1" fill="url(#a)"/></defs><use href="#c" x="1" y="-1" '
-        'transform="matrix(9 2 0 6 11 19)"/>',
+        '<defs><circle id="c" r="1" fill="url(#a)"/><use id="d" href="#c"/></defs><use href="#d" '
+        'x="1" y="-1" transform="matrix(9 2 0 6 11 19)"/>',
         '<circle r="1" style="Fill:url(#a);/* FILL:none; */-inkscape-stroke:none;stroke:none" '
         'transform="matrix(9 2 0 6 20 15)"><title>t</title></circle><!-- a --><metadata><x/>'
         "</metadata><sodipodi:namedview/><style/><g><title>u</title></g>",
@@ -235,6 +235,11 @@ def test_a_missing_background_is_a_transparent_scene_and_hidden_shapes_may_be_le
 SIZE = 'width="40" height="30" viewBox="0 0 40 30"'
 ONE = Scene(20, 20, [[9, 9]], [[3, 2]], [0.1], [[1, 0, 0]], [0.5])
 SOFT, SHEET = (minimal_svg(ONE, 1, 6, masked=masked) for masked in (True, False))
+FILL = 'fill="red" d="m0 0h9v9z"'
+STROKE = 'fill="none" stroke="red" d="m0 0h9v9"'
+STAR = "m20 2 6 20-16-12h20l-16 12z"
+STOPS = '<stop offset="0"/><stop offset="1" stop-color="red"/>'
+SPACE = 'gradientUnits="userSpaceOnUse"'
 RED, CLEAR = '<stop offset="0" stop-color="red"/>', '<stop offset="1" stop-opacity="0" '
 DEFS = (
     '<radialGradient id="loop" xlink:href="#pool"/><radialGradient id="pool" xlink:href="#loop"/>'
@@ -243,10 +248,21 @@ DEFS = (
     + gradient("aside").replace('fx=".001"', 'fx=".3"')
     + '<filter id="faint"><feGaussianBlur stdDeviation="20"/></filter><filter id="alpha">'
     '<feGaussianBlur in="SourceGraphic" x="0" stdDeviation="3.5715"/></filter>'
+    f'<linearGradient id="box" x2="1">{STOPS}</linearGradient>'
+    f'<linearGradient id="again" {SPACE} spreadMethod="reflect" x2="9">{STOPS}</linearGradient>'
+    f'<linearGradient id="none" {SPACE} x2="9"/>'
+    f'<linearGradient id="point" {SPACE} x1="9" x2="9">{STOPS}</linearGradient>'
+    f'<linearGradient id="share" {SPACE}>{STOPS}</linearGradient>'
+    f'<linearGradient id="clear" {SPACE} x2="9"><stop stop-opacity=".5"/></linearGradient>'
+    f'<radialGradient id="tilt" {SPACE} cx="1" cy="1" r="1" '
+    f'gradientTransform="matrix(2 1 0 1 0 0)">{STOPS}</radialGradient>'
+    f'<radialGradient id="focus" {SPACE} cx="1" cy="1" r="1" fx="1.5">{STOPS}</radialGradient>'
+    '<pattern id="dots"/><clipPath id="part"><rect width="40" height="20"/></clipPath>'
+    '<clipPath id="round"><rect width="40" height="30" rx="2"/></clipPath>'
 )
 # What is in the place of the shape, and the line.
 REFUSED = {
-    '<text id="t">a</text>': '<text id="t">: elements must be paths',
+    '<text id="t">a</text>': '<text id="t">: elements must be paths .* Try .* to convert it',
     '<g id="g"/><use href="#g"/>': "its reference must be to a circle",
     f'<path {AS_PATH.replace("-1,0 1", "-2,0 1")} fill="red"/>': "an ellipse of four arcs",
     '<path opacity=".5" d="M1 1a2 2 0 101 0m9 9a2 2 0 101 0"/>': "ellipses of one path must be",
@@ -272,6 +288,40 @@ REFUSED = {
     '<svg viewBox="0 0 9 9"/>': "its viewBox must be none; got '0 0 9 9'",
     '<svg width="20"/>': "its width must be 100%; got '20'",
     "<g>" * 200 + "</g>" * 200: "in groups of at most 100",
+    f'<path {FILL} filter="url(#a)"/>': "its filter must be none",
+    f'<circle r="9" mask="url(#a)" {STROKE}/>': "its mask must be none",
+    f'<path opacity=".5" stroke="#000" {FILL}/>': "its opacity must be 1 with both a fill and a",
+    f'<path clip-path="url(#a)" {FILL}/>': "its clip-path must be none, or an upright rectangle",
+    f'<g clip-path="url(#part)"><path {FILL}/></g>': "its clip-path must be .* got 'url.#part.'",
+    f'<g clip-path="url(#round)"><path {FILL}/></g>': "its clip-path must be none",
+    f'<path style="mix-blend-mode:multiply" {FILL}/>': "its mix-blend-mode must be none",
+    f'<path marker-end="url(#a)" {STROKE}/>': "its marker-end must be none",
+    f'<path stroke-dasharray="3 1" {STROKE}/>': "its stroke-dasharray must be none; got '3 1'",
+    f'<path stroke-miterlimit="9" {STROKE}/>': "its stroke-miterlimit must be 4",
+    f'<path stroke-linejoin="bevel" {STROKE}/>': "stroke-linejoin must be .* got butt and bevel",
+    f'<path stroke-width="0" {STROKE}/>': "its stroke-width must be above 0; got '0'",
+    f'<path stroke-width="5%" {STROKE}/>': "stroke-width must be a finite number",
+    f'<path vector-effect="non-scaling-stroke" {STROKE}/>': "its vector-effect must be none",
+    f'<path transform="scale(1 2)" {STROKE}/>': "transforms of a stroke must be without",
+    f'<g transform="matrix(1 0 .1 1 0 0)"><path {STROKE}/></g>': "transforms of a stroke",
+    f'<path fill-rule="evenodd" fill="red" d="{STAR}"/>': "its fill-rule must be nonzero where",
+    '<path fill="red" d="m0 0h9v9a5 5 0 0 2 3 3z"/>': "its d must be an ellipse of four arcs, or",
+    '<path fill="red" d="l9 9 3 0z"/>': "lines and curves",
+    '<path fill="red" d="m0 0c9 9 3 0z"/>': "lines and curves",
+    '<path fill="red" d=""/>': "lines and curves",
+    '<path fill="red" d="m0 0h1e999v9z"/>': "points of an outline must be",
+    '<polygon fill="red" points="3 4 5"/>': "its d must be .*lines and curves; got 'M3 4 5z'",
+    '<rect fill="red" width="1cm" height="9"/>': "width must be a finite number; got '1cm'",
+    '<path fill="url(#box)" d="m0 0h9z"/>': "its gradient must be longer than 0",
+    '<path fill="url(#again)" d="m0 0h9v9z"/>': "its gradient must be in user space",
+    '<path fill="url(#none)" d="m0 0h9v9z"/>': "offsets of a gradient must be 2",
+    '<path fill="url(#point)" d="m0 0h9v9z"/>': "its gradient must be longer than 0",
+    '<path fill="url(#share)" d="m0 0h9v9z"/>': "x2 must be a finite number; got '100%'",
+    '<path fill="url(#clear)" d="m0 0h9v9z"/>': "stops of the gradient of an area must be opaque",
+    '<path fill="url(#tilt)" d="m0 0h9v9z"/>': "a circle or an upright ellipse",
+    '<path fill="url(#focus)" d="m0 0h9v9z"/>': "with its focus at the centre",
+    '<path fill="url(#dots)" d="m0 0h9v9z"/>': "its reference must be to a radialGradient",
+    '<image href="a.png" width="9" height="9"/>': "<image.* elements must be paths",
 }  # fmt: skip
 RANGE = r"width, height and viewBox of the SVG must be above 0 and in 1e-30\.\.1e\+30"
 ROOTS = {

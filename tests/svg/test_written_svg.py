@@ -20,6 +20,7 @@ from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.inks import ink_name
 from gauss2svg.svg import Document, Form, Plotter, SvgFormat
 from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.untrusted import Survey
 from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
 
 SCENE, ADDITIVE = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
@@ -123,11 +124,13 @@ def test_the_table_has_nothing_that_no_file_has():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_nothing_but_shapes_is_written_whatever_is_said(kind):
+def test_nothing_but_shapes_is_written_whatever_is_said_and_all_is_drawn_alike(kind):
     for said in (*HOSTILE, " ".join(HOSTILE)):
         texts, _ = read(written(kind, title=f"a {said}", alt=f"{said} b"))
         assert (texts["title"], texts["desc"]) == (f"a {said}", f"{said} b")
-    assert written(kind) == written(kind)
+    svg = written(kind)
+    assert written(kind) == svg
+    assert Survey(svg[svg.index("<svg") :]).remarks == ()
 
 
 @given(st.text(max_size=40), st.sampled_from(KINDS))

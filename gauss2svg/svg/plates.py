@@ -1,23 +1,28 @@
-"""Cut files: for each ink one region, closed and clear of all others, as a cutter follows it.
+"""Plates of inks, for printers and for cutters.
+
+A plate shows where one ink is printed. For example, a scene has yellow ellipses, blue ellipses over
+them, and yellow ellipses on top. These are three groups in two inks. The yellow plate has both
+yellow groups in black, and between them the blue group in white.
 
 The shapes of a scene lie over each other. A cutter would follow edges that nobody sees, and vinyl
-would lie in two layers. So the region of an ink is what is seen of it:
+would lie in two layers. So a cut file has one region for each ink, closed and clear of all others.
+The region is what is seen of the ink:
 
     shapes as polygons, the bottom one first -> union with those of the ink, difference of others
 
-Regions are polygons of lines, and are written as areas (gauss2svg.svg.areas). shapely computes
+Regions are polygons of lines, and are written as areas (gauss2svg.svg.element). shapely computes
 them, which belongs to the extra `cut`.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Collection, Iterable, Mapping
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.errors import InputError, quoted, refusal
@@ -27,11 +32,16 @@ from gauss2svg.scene.areas import Area, Outline
 from gauss2svg.scene.falloff import covered_radius
 from gauss2svg.scene.inks import ink_colors, ink_name, inks_of_scene, oklab
 from gauss2svg.svg import MOST_TRAP
+from gauss2svg.svg.element import Floats
+from gauss2svg.svg.minimal import color_levels, colors_together, overlaps, projections
+from gauss2svg.svg.read_values import windings
 
 if TYPE_CHECKING:  # not at run time, because only cut files need shapely
     from shapely.geometry.base import BaseGeometry
 
-Floats = NDArray[np.float64]
+# Two ellipses count as apart if the gap between them is at least this, in px. It is more than 0,
+# because edges are antialiased.
+_MARGIN = 1.0
 # Lines are at most so far from curves, in mm on paper, and in px. Cutters step by 0.025 mm. An
 # ellipse of 3 px, which is a dot in a photo, then has 20 lines.
 TOLERANCE_MM, TOLERANCE_PX = 0.01, 0.05
@@ -39,7 +49,70 @@ CUT_UNIT = 0.01  # px, to which coordinates of cut files are rounded
 # Parts and holes of a region are left out if they are smaller than this, in px. They are what
 # rounding leaves between edges that meet.
 _LEAST_PART = 1e-3
-_MITRE_LIMIT = 4.0  # the default of SVG, which files do not change
+
+
+def grouped_by_ink(scene: Scene) -> Scene:
+    """Return the scene with shapes of the same ink moved together.
+
+    A shape is moved only if this does not change the picture. Each run of shapes of the same ink
+    becomes a round. Raise InputError if the scene is not in inks.
+    """
+    inks_of_scene(scene)
+    mean, factor = _drawn(scene)
+    keys = np.stack([mean[:, 0], mean[:, 1], scene.beta])
+    order = colors_together(mean, factor, color_levels(scene.color, 6), keys, _MARGIN)
+    scene = scene.replace(round_index=None, level=None).select(order)
+    changes = (np.diff(color_levels(scene.color, 6), axis=0) != 0).any(axis=1)
+    index = np.concatenate([[0], np.cumsum(changes)])[: len(scene)]
+    return scene.replace(round_index=index)
+
+
+def plate_of(scene: Scene, tones: Mapping[str, float]) -> Scene:
+    """Return the plate of an ink: black where the ink is visible, and white elsewhere.
+
+    tones  strength of the ink in 0..1 in each colour #rrggbb. It is 0 in all others. A strength
+           between 0 and 1 is grey
+
+    Shapes that change nothing on the plate are left out. Raise InputError if the scene has none of
+    the colours that have a strength.
+    """
+    _check_ink(tones, [ink_name(one) for one in inks_of_scene(scene)])
+
+    def grey(color: Any) -> float:
+        return 1.0 - tones.get(ink_name(np.asarray(color)), 0.0)
+
+    colors, entry = np.unique(scene.color, axis=0, return_inverse=True)
+    greys = np.array([grey(color) for color in colors])[entry.reshape(-1)]
+    ground = 1.0 if scene.transparent else grey(scene.background)
+    areas = [dataclasses.replace(a, paint=(grey(a.paint),) * 3) for a in scene.areas]
+    # `shows` marks the shapes whose colour on the plate differs from what may be below them. A
+    # shape that is not marked is needed only if it covers a part of a marked shape.
+    shows = (greys != ground) | bool(areas)
+    ellipses, needed = projections(*_drawn(scene)), shows.copy()
+    for _, upper in overlaps(*ellipses, shows, _MARGIN, np.flatnonzero(shows)):
+        needed[upper] = True
+    plate = scene.replace(
+        color=np.repeat(greys[:, None], 3, axis=1),
+        areas=areas,
+        background=np.full(3, ground),
+        transparent=False,
+    )
+    return plate.select(needed)
+
+
+def _drawn(scene: Scene) -> tuple[Floats, Floats]:
+    """Return the centres (n, 2) of the ellipses that are drawn, and their factors l11 l21 l22.
+
+    Both are in px. The factors (n, 3) are those of Scene.cholesky.
+    """
+    return scene.mean, scene.cholesky * covered_radius(scene.beta)[:, None]
+
+
+def _check_ink(tones: Mapping[str, float], names: Collection[str]) -> None:
+    """Raise InputError if none of the colours that have a strength is among `names`."""
+    printing = [color for color, tone in tones.items() if tone]
+    if not set(printing) & set(names):
+        raise refusal("ink", f"one of {', '.join(names)}", quoted(", ".join(printing)))
 
 
 class CutMissingError(InputError, ImportError):
@@ -90,14 +163,11 @@ class Regions:
     def plate(self, tones: Mapping[str, float], trap: float = 0.0) -> Scene:
         """Return the plate of an ink: one area for each of its strengths, and no background.
 
-        tones  as in gauss2svg.svg.plates_and_pens.plate_of
+        tones  as in `plate_of`
         trap   width in mm by which colours spread below darker ones beside them
         """
-        seen = {color: tones.get(color, 0.0) for color in self.colors}
-        if not any(seen.values()):
-            printing = ", ".join(color for color, tone in tones.items() if tone)
-            raise refusal("ink", f"one of {', '.join(self.colors)}", quoted(printing))
-        areas = []
+        _check_ink(tones, self.colors)
+        seen, areas = {color: tones.get(color, 0.0) for color in self.colors}, []
         for tone in sorted(set(seen.values()) - {0.0}):
             region = self._trapped([c for c, other in seen.items() if other == tone], trap)
             areas += self._area(region, (1.0 - tone,) * 3)
@@ -128,8 +198,9 @@ class Regions:
         for part in self._shapely.get_parts(region):
             if part.area > _LEAST_PART:
                 # shapely has holes run the other way, so they are holes by either fill rule.
-                rings = [part.exterior, *part.interiors]
-                outlines += [ring.coords for ring in rings if _size(ring.coords) > _LEAST_PART]
+                rings = [ring.coords for ring in (part.exterior, *part.interiors)]
+                size = self._shapely.Polygon
+                outlines += [ring for ring in rings if size(ring).area > _LEAST_PART]
         paths = [Outline(tuple(ring[:-1]), (False,) * (len(ring) - 1)) for ring in outlines]
         return [Area(tuple(paths), color)] if paths else []
 
@@ -141,12 +212,6 @@ def _lightness(color: str) -> float:
     return float(oklab(ink_colors(color))[0, 0])
 
 
-def _size(ring: Any) -> float:
-    """Return the area within a closed ring of points."""
-    x, y = np.asarray(ring).T
-    return 0.5 * abs(float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()))
-
-
 def _ellipses(scene: Scene, tolerance: float) -> Iterable[Floats]:
     """Yield the points (k, 2) of each plain ellipse as a polygon of the same area."""
     factor = scene.factor * covered_radius(scene.beta)[:, None, None]
@@ -155,9 +220,8 @@ def _ellipses(scene: Scene, tolerance: float) -> Iterable[Floats]:
         count = _lines(radius, 2 * math.pi, tolerance)
         step = 2 * math.pi / count
         angle = step * np.arange(count)
-        circle = np.stack([portable.cos(angle), portable.sin(angle)], axis=1) * math.sqrt(
-            step / portable.sin(step)
-        )
+        circle = np.stack([portable.cos(angle), portable.sin(angle)], axis=1)
+        circle *= math.sqrt(step / portable.sin(step))
         yield center + portable.product(circle, matrix.T)
 
 
@@ -176,7 +240,7 @@ def _polygon(shapely: Any, area: Area, tolerance: float) -> BaseGeometry:
     style = {
         "cap_style": {"butt": "flat"}.get(area.cap, area.cap),
         "join_style": "round" if area.cap == "round" else "mitre",
-        "mitre_limit": _MITRE_LIMIT,
+        "mitre_limit": 4.0,  # the default of SVG, which files do not change
         "quad_segs": _lines(half, 0.5 * math.pi, tolerance),
     }
     strokes = []
@@ -210,18 +274,6 @@ def _filled(shapely: Any, rings: list[Floats]) -> BaseGeometry:
         return polygon
     edges = shapely.union_all([shapely.LineString(ring) for ring in rings])
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(edges)))
-    inside = [face for face in faces if _winding(face.representative_point(), rings)]
-    return shapely.union_all(inside)
-
-
-def _winding(point: Any, rings: list[Floats]) -> int:
-    """Return how often rings run around a point, one way minus the other."""
-    total = 0
-    for ring in rings:
-        x, y = ring.T
-        (x0, x1), (y0, y1) = (x[:-1], x[1:]), (y[:-1], y[1:])
-        crosses = (y0 > point.y) != (y1 > point.y)
-        share = (point.y - y0[crosses]) / (y1 - y0)[crosses]
-        right = x0[crosses] + share * (x1 - x0)[crosses] > point.x
-        total += int(np.sign(y1 - y0)[crosses][right].sum())
-    return total
+    points = shapely.get_coordinates([face.representative_point() for face in faces])
+    winding = sum(windings(ring[:-1], points) for ring in rings)
+    return shapely.union_all(faces[winding != 0])
