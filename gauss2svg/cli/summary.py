@@ -98,7 +98,7 @@ def check_table(records: Sequence[dict[str, Any]]) -> str:
     """
     done = [record for record in records if "error" not in record]
     sizes = {"bytes": "svg_bytes", "gzipped": "svgz_bytes", "elements": "elements"}
-    scores = [score for score in SCORES if any(r[score.key] is not None for r in done)]
+    scores = [score for score in SCORES if any(score.can_show(r[score.key]) for r in done)]
     heads = ["SVG", *sizes, *(f"{score.name} {score.unit}".strip() for score in scores)]
     rows = [heads]
     for r in records:

@@ -253,6 +253,12 @@ def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
         "gauss2svg": __version__, "images": images, "peers_absent": absent,
         "summary": summary, "rows": rows,
     }  # fmt: skip
+    # JSON has no infinity, so the PSNR of a measured file that equals its photo is None there.
+    exact = {"psnr_svg": "inf"}
+    cells = [
+        row | (exact if row.get("psnr_svg", 0) is None and row.get("renderer") else {})
+        for row in rows
+    ]
     template = template_environment().overlay(autoescape=False).get_template("summary.md.jinja")
     enlarged = any(row["psnr_svg_enlarged"] is not None for row in summary)
     text = template.render(
@@ -260,9 +266,10 @@ def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
         machines=dict.fromkeys(machine_text(row["machine"]) for row in rows),
         columns=[column for column in _COLUMNS if enlarged or column[1] != "psnr_svg_enlarged"],
         tolerance=TOLERANCE,
+        exact={row["label"] for row in cells if row.get("psnr_svg") == "inf"},
     )
     plots = plots_of(summary)
-    texts = {"bench.csv": csv_text(rows), "summary.md": text, **plots}
+    texts = {"bench.csv": csv_text(cells), "summary.md": text, **plots}
     tables = {"bench.json": as_json(document)} | {name: t.encode() for name, t in texts.items()}
     write_all_atomically({folder / name: data for name, data in tables.items()})
     # An earlier benchmark may have left plots that this one does not have. They are removed.

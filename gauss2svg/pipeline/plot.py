@@ -105,8 +105,8 @@ class Plot(NamedTuple):
         drawn, travel = self.drawn_mm, self.travel_mm
         minutes = (drawn / _DOWN_MM_S + travel / _UP_MM_S + self.lifts * _LIFT_S) / 60
         return (
-            f"{drawn / 1000:.1f} m in {self.lifts:,} strokes, {travel / 1000:.1f} m with the pen "
-            f"up, in at least {math.ceil(minutes)} min"
+            f"{drawn / 1000:.1f} m in {self.lifts:,} stroke{'s' * (self.lifts != 1)}, "
+            f"{travel / 1000:.1f} m with the pen up, in at least {math.ceil(minutes)} min"
         )
 
     @property
@@ -115,7 +115,7 @@ class Plot(NamedTuple):
         layers = []
         for at, (name, color, strokes) in enumerate(self.pens, start=1):
             paths = [Element("path", d=_path_data(stroke)) for stroke in strokes]
-            label = f"{at} {name}: {len(paths)} strokes"
+            label = f"{at} {name}: {len(paths)} stroke{'s' * (len(paths) != 1)}"
             layers.append(layer(label, paths, id=f"pen-{at}", stroke=color))
         root = {
             "fill": "none", "stroke-width": number(self.pen_width, 3),

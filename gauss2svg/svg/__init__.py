@@ -81,14 +81,19 @@ def check_aspect(name: str, aspect: Any) -> str:
 
 
 def check_sheet(name: str, sheet: Any) -> str:
-    """Return `sheet`. Raise InputError unless it is the name of a paper or such as 300x200mm."""
-    match = _SHEET.fullmatch(sheet) if isinstance(sheet, str) else None
-    if sheet in _PAPERS or (
+    """Return `sheet` in lower case.
+
+    Raise InputError unless it is the name of a paper or such as 300x200mm.
+    """
+    text = sheet.lower() if isinstance(sheet, str) else ""
+    match = _SHEET.fullmatch(text)
+    if text in _PAPERS or (
         match and all(1 <= float(side) <= MOST_SHEET_MM for side in match.groups())
     ):
-        return sheet
+        return text
     needed = f"{', '.join(_PAPERS)} or a width and a height such as 300x200mm"
-    raise refusal(name, needed, quoted(sheet), nearest(str(sheet), _PAPERS))
+    advice = f"{text}mm" if _SHEET.fullmatch(f"{text}mm") else nearest(text, _PAPERS)
+    raise refusal(name, needed, quoted(sheet), advice)
 
 
 @dataclass(frozen=True, kw_only=True)

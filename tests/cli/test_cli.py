@@ -15,7 +15,7 @@ from PIL import Image
 
 import gauss2svg
 from gauss2svg.cli.main import main
-from gauss2svg.cli.summary import print_summary
+from gauss2svg.cli.summary import check_table, print_summary
 from gauss2svg.cli.terminal import counting_bar
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.scene import Scene
@@ -138,6 +138,7 @@ MISTAKES = [
     ("-o OUT", "the photo must be one file; got none. Try gauss2svg --help"),
     ("-", "--output must be given if the photo is standard input"),
     ("check a.svg b.svg PHOTO", "the photo must be before the SVG; got a.svg. Try"),
+    ("check PHOTO PHOTO", "every file after the photo must be an SVG; got"),
     ("check FOLDER", "SVGs must be in a folder and have the names of the photos; got none"),
     ("check PHOTO a.svg b.svg --heatmap h.png", "--heatmap must be a folder that exists"),
     ("check PHOTO a.svg --report OUT", "--report must be a name that ends in .json"),
@@ -157,6 +158,7 @@ MISTAKES = [
     ("PHOTO -o OUT --inks red,bleu", "got 'red,bleu'. Try blue"),
     ("PHOTO -o OUT --size A4", "got 'A4'. Try 210mm, or 297mm for a4 turned"),
     ("PHOTO -o OUT --size 300", "got '300'. Try 300px or 300mm"),
+    ("PHOTO --plot p.svg --sheet 300X200", "got '300X200'. Try 300x200mm"),
     ("bacth PHOTO", "bacth must be a photo or a command; got neither. Try gauss2svg batch"),
     ("convert PHOTO", "neither. Try gauss2svg PHOTO -o OUT.svg, or gauss2svg --help"),
     ("batch PHOTO -o OUT", "--output must be the name of a folder; got"),
@@ -271,9 +273,14 @@ def test_check_prints_a_table_of_several_svgs(picture, tmp_path, capfd, drawn_he
     assert main(["check", str(picture), str(tmp_path / "bad.svg"), more, *between]) == 2
     assert "failed: " in capfd.readouterr().err
     picture.with_suffix(".svg").write_bytes((tmp_path / "few.svg").read_bytes())
-    (tmp_path / "few-heatmap.png").unlink()
-    assert main(["check", str(tmp_path)]) == 0
-    assert "elements" in capfd.readouterr().err
+    assert main(["check", f"{tmp_path}/."]) == 0
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert line.startswith("gauss2svg: without a partner of the same name: ")
+    alone = [os.path.basename(name) for name in line.rpartition(": ")[2].split(", ")]
+    heatmaps = ["few-heatmap.png", "more-heatmap.png"]
+    assert alone == [*heatmaps, "bad.svg", "few.svg", "more.svg"]
+    exact = json.loads(report.read_text())[0] | {"psnr_svg": None}
+    assert check_table([exact]).splitlines()[1].split()[4] == "equal"
 
 
 def test_full_help_names_every_option(capsys, monkeypatch):
