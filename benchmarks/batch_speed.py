@@ -24,7 +24,7 @@ import numpy as np
 from PIL import Image
 from skimage import data
 
-from gauss2svg.batch.table import TABLE
+from gauss2svg.batch.stores import TABLE
 
 _PHOTOS = ("astronaut", "brick", "camera", "cat", "coffee", "coins", "grass", "gravel", "rocket")
 _ONE_PROCESS = """

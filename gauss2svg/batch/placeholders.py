@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
-from gauss2svg.batch.listing import ListedPhoto, listed_photos
+from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.errors import Gauss2SvgError, InputError, brief, quoted, refusal
 from gauss2svg.files import (
     FILE_ENDINGS,

@@ -15,7 +15,9 @@ from gauss2svg.files import check_writable, make_folder, reason_of, replace, wri
 
 # Folder in the output folder, for the table, the options, the marks and the unfinished files.
 STATE = "gauss2svg-batch"
+TABLE = f"{STATE}/table.csv"
 PARTS = f"{STATE}/parts"  # folder of the unfinished files
+MARKS = f"{STATE}/marks"  # folder of the marks
 PATH_SEPARATOR = re.compile(r"[/\\]" if os.sep == "\\" else "/")
 # Protocols of stores in which nobody can see a file half written.
 _WHOLE_PUT = "s3, s3a, gs, gcs, az, abfs, abfss, oss, oci, memory"

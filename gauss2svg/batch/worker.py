@@ -20,14 +20,13 @@ from functools import cache, partial
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
-from gauss2svg.batch.stores import STATE, file_system_of, is_url, write
+from gauss2svg.batch.stores import MARKS, file_system_of, is_url, write
 from gauss2svg.errors import ClusterError, Gauss2SvgError, OutputError, error_line, refusal
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
-MARKS = f"{STATE}/marks"  # folder of the marks in the output folder
 _REPORT_KEYS = {
     "width", "height", "gaussians", "area_count", "line_count", "node_count", "psnr_svg",
     "ssim_svg", "ssimulacra2_svg", "flip_svg", "paint_ms", "stop_reason", "svg_bytes", "svgz_bytes",

@@ -50,8 +50,7 @@ SECTIONS |= {title: GROUPS[key] for key, title in GROUP_TITLES.items()}
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    from gauss2svg.batch.many import Batch
-    from gauss2svg.batch.table import Summary
+    from gauss2svg.batch.many import Batch, Summary
 
     command = BatchCommand.of(given)
     files.check_folder(command.output)

@@ -57,9 +57,8 @@ SECTIONS = {"Parameters": BenchCommand, "Benchmark": BenchOptions}
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    from gauss2svg.compare.peers import photos_and_peers
     from gauss2svg.compare.table import run_bench
-    from gauss2svg.compare.variants import parse_axes, peer_variants
+    from gauss2svg.compare.variants import parse_axes, peer_variants, photos_and_peers
     from gauss2svg.measure import packages_missing
 
     command = BenchCommand.of(given)

@@ -61,9 +61,8 @@ SECTIONS = {"Parameters": GalleryCommand, "Gallery": GalleryOptions}
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    from gauss2svg.compare.pages.build import build_gallery
-    from gauss2svg.compare.peers import photos_and_peers
-    from gauss2svg.compare.variants import parse_axes
+    from gauss2svg.compare.pages import build_gallery
+    from gauss2svg.compare.variants import parse_axes, photos_and_peers
     from gauss2svg.measure import packages_missing
 
     command = GalleryCommand.of(given)

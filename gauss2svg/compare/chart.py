@@ -156,9 +156,10 @@ def template_environment(*packages: str) -> Environment:
     It has the templates of gauss2svg.compare and of the given packages.
     """
     loader = ChoiceLoader([PackageLoader(name) for name in ("gauss2svg.compare", *packages)])
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    environment.trim_blocks = environment.lstrip_blocks = True
-    environment.keep_trailing_newline = True
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
     environment.filters |= {"whole": whole, "size": size, "seconds": seconds}
     return environment
 

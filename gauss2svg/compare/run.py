@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.compare.peers import BATCH, PEERS, convert_by
 from gauss2svg.compare.records import TOOL, record_or_error, start_watch
-from gauss2svg.compare.variants import AXES, apply_constants, options_in
+from gauss2svg.compare.variants import AXES, BATCH, PEERS, apply_constants, convert_by, options_in
 from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure import SCORES, packages_missing
@@ -93,7 +92,7 @@ def run(request: Request) -> Run:
     request  has the keys source (path of the photo), tool, settings, options (further options of
              `vectorize`, among them max_pixels) and peer_timeout (s). If the photo has a reference,
              the request also has the key reference (path and scale of the reference). If another
-             method has made the file, it has the keys file (path) and numbers of peers.entries_of.
+             method has made the file, it has the keys file (path) and numbers of variants.entries_of.
     Raise Gauss2SvgError if no file is made, or if the file cannot be measured.
     """
     return _by_gauss2svg(request) if request["tool"] == TOOL else _by_peer(request)

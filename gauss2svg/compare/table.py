@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.batch.listing import ListedPhoto, listed_photos
+from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import BenchOptions
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
@@ -184,7 +184,7 @@ def run_bench(
     axes          the values of each option of `vectorize` that is varied. Every combination is run,
                   with the other options at their defaults. If it is None, the settings are
                   gauss2svg.compare.variants.DEFAULT_GRID. If it is empty, only peers are measured.
-    peers         other tools, by their names in gauss2svg.compare.peers.PEERS. Tools that are not
+    peers         other tools, by their names in gauss2svg.compare.variants.PEERS. Tools that are not
                   installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
                   the numbers of another method.
     options       limits of the runs, references, the seed and the number of threads

@@ -14,10 +14,9 @@ from pictures import antialiased_badge
 
 from gauss2svg import read_svg
 from gauss2svg.batch import many, worker
-from gauss2svg.batch.many import vectorize_many
-from gauss2svg.batch.stores import PARTS, STATE, prepare, write
-from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
-from gauss2svg.batch.worker import MARKS, PhotoRecord
+from gauss2svg.batch.many import Summary, vectorize_many, write_table
+from gauss2svg.batch.stores import MARKS, PARTS, STATE, TABLE, prepare, write
+from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
 from gauss2svg.photo.pixels import Header
@@ -87,7 +86,9 @@ def test_each_photo_has_a_row_and_each_svg_a_mark_with_all_that_is_asked_for(run
         assert min(one["psnr_svg"], one["paint_ms"], one["total_s"], one["cpu_s"]) > 0
         assert table[name]["psnr_svg"] == str(one["psnr_svg"])
     assert left_parts(out) == []
-    parquet = pytest.importorskip("pyarrow.parquet").read_table(out / PARQUET).to_pydict()
+    parquet = (
+        pytest.importorskip("pyarrow.parquet").read_table(out / STATE / "table.parquet").to_pydict()
+    )
     assert parquet["output"] == list(table)
     assert sorted(filter(None, parquet["width"])) == [12] * 4
 
@@ -271,7 +272,7 @@ def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, m
 
 def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatch):
     now = iter((0.0, 10.0))
-    monkeypatch.setattr("gauss2svg.batch.table.time", SimpleNamespace(monotonic=now.__next__))
+    monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=now.__next__))
     summary = Summary()
     for given in ({}, {"error": "x"}, {"skipped": True}):
         summary.add(PhotoRecord("a.png", "a.svg", **given))
@@ -279,7 +280,7 @@ def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatc
 
 
 def test_a_clock_that_has_not_moved_divides_no_speed(monkeypatch):
-    monkeypatch.setattr("gauss2svg.batch.table.time", SimpleNamespace(monotonic=lambda: 5.0))
+    monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=lambda: 5.0))
     summary = Summary()
     summary.add(PhotoRecord("a.png", "a.svg", skipped=True))
     assert list(summary.lines()) == ["0 done, 1 skipped, 0 failed in 0.0 s: 0 photos a second"]

@@ -11,8 +11,7 @@ from galleries import BLANK, save
 from PIL import Image
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare import run, table
-from gauss2svg.compare.pages import build
+from gauss2svg.compare import pages, run, table
 from gauss2svg.compare.records import record_or_error
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
@@ -25,7 +24,7 @@ pytestmark = pytest.mark.process
 def _here(monkeypatch, drawn_here, pool_here):
     """Runs are made in this process, without scores."""
     monkeypatch.setattr(table, "Pool", PoolHere)
-    monkeypatch.setattr(build, "Pool", PoolHere)
+    monkeypatch.setattr(pages, "Pool", PoolHere)
 
 
 def reported(command, *words):

@@ -1,4 +1,7 @@
-"""Build a gallery: worker processes make the missing SVGs, and then the pages are written."""
+"""Galleries: static web pages that compare results for photos.
+
+Worker processes make the missing SVGs, and then the pages are written.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.batch.listing import ListedPhoto, listed_photos
-from gauss2svg.compare import chart, run
+from gauss2svg.batch.inputs import ListedPhoto, listed_photos
+from gauss2svg.compare import GalleryOptions, chart, run
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
-from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.compare.records import TOOL, Row
 from gauss2svg.compare.variants import Variant, main_variant, variants_of
 from gauss2svg.errors import OutputError, on_one_line
@@ -232,7 +234,7 @@ def write_pages(
         (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
         for row in rows
     )
-    environment = chart.template_environment("gauss2svg.compare.pages")
+    environment = chart.template_environment()
     environment.globals |= {
         **document,
         "variants": variants, "main": main_variant(variants), "results": results,
@@ -246,7 +248,7 @@ def write_pages(
         html = environment.get_template(f"{template}.html.jinja")
         return html.render(page=template, root=folder, **more).encode()
 
-    static = files("gauss2svg.compare.pages") / "static"
+    static = files("gauss2svg.compare") / "static"
     contents: dict[str | os.PathLike[str], bytes] = {
         root / _DATA: as_json(document),
         root / _TABLE: csv_text(rows).encode(),
