@@ -30,11 +30,6 @@ from gauss2svg.files import (
 )
 from gauss2svg.photo import SUFFIXES
 
-MANIFESTS = (".txt", ".lst")
-_NOT_UTF8 = re.compile("[\udc80-\udcff]")  # what os.fsdecode makes of bytes that are not UTF-8
-# A line of a list in which the path has blanks or quotes around it, as Windows copies a path.
-_WRAPPED = re.compile(r"""\A\s*(["']?)(.+?)\1\s*\Z""")
-
 
 def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
     """Yield (path or URL, name of the output without a suffix) for each photo of the sources.
@@ -87,7 +82,7 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
         yield from _photos_of_list(standard_stream(sys.stdin, "input"), "standard input")
         return
     with file_system_of(source) as (fs, path):
-        if source.lower().endswith(MANIFESTS):
+        if source.lower().endswith((".txt", ".lst")):
             with fs.open(path, "rb") as lines:
                 yield from _photos_of_list(lines, source)
         elif is_url(source):
@@ -113,10 +108,12 @@ def _folder_of_pattern(pattern: str) -> str:
 def _photos_of_list(stream: IO[bytes], name: str) -> Iterator[tuple[str, str]]:
     for line in _lines(stream, name):
         if line.strip() and not line.lstrip().startswith("#"):
-            path = _WRAPPED.sub(r"\2", line)
+            # A path may have blanks or quotes around it, as Windows copies it.
+            path = re.sub(r"""\A\s*(["']?)(.+?)\1\s*\Z""", r"\2", line)
             if path != line and os.path.lexists(line):  # names may have blanks and quotes too
                 path = line
-            if _NOT_UTF8.search(path) and not os.path.lexists(path):
+            # os.fsdecode has made such characters of bytes that are not UTF-8.
+            if re.search("[\udc80-\udcff]", path) and not os.path.lexists(path):
                 text_of(os.fsencode(path), name)  # raises InputError
             # The name of the output is the path without its protocol or drive, without a slash at
             # the beginning, and without the parts "." and "..".
@@ -173,11 +170,6 @@ def _photos_at_url(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
             yield host + name if has_path else fs.unstrip_protocol(name), inside
 
 
-_NAMELESS = "photo"  # slug of a file name that has neither letters nor digits
-_DIGITS = 12  # number of hexadecimal digits in a slug's digest
-_DIGEST_AT_END = re.compile(rf"-[0-9a-f]{{{_DIGITS}}}$")
-
-
 @dataclass(frozen=True)
 class ListedPhoto:
     """A photo of a list.
@@ -232,9 +224,9 @@ def listed_photos(
     for path, file, (slug, digest, problem) in zip(texts, _unique_ends(texts), read, strict=True):
         # A slug that already ends like a digest gets a digest too. Otherwise it might equal the
         # slug of another photo to which a digest is appended.
-        if digest is None or shared[slug] > 1 or _DIGEST_AT_END.search(slug):
+        if digest is None or shared[slug] > 1 or re.search("-[0-9a-f]{12}$", slug):
             own = hashlib.sha256(file.encode(errors="backslashreplace")).hexdigest()
-            slug += f"-{own[:_DIGITS]}"
+            slug += f"-{own[:12]}"
         photos.append(ListedPhoto(path, on_one_line(file), file, slug, digest, problem))
     return photos
 
@@ -256,11 +248,12 @@ def _unique_ends(paths: Sequence[str]) -> list[str]:
 def slug_of(name: str) -> str:
     """Return a name, changed so that it is valid for a file or folder on any system.
 
-    The result has 1 to 48 characters, which are a-z, 0-9 and -.
+    The result has 1 to 54 characters, which are a-z, 0-9 and -. It is "photo" if the name has
+    neither letters nor digits.
     """
     ascii_name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
-    slug = re.sub(r"[^a-z0-9]+", "-", ascii_name).strip("-")[:48].rstrip("-") or _NAMELESS
-    return f"{_NAMELESS}-{slug}" if is_device(slug) else slug
+    slug = re.sub(r"[^a-z0-9]+", "-", ascii_name).strip("-")[:48].rstrip("-") or "photo"
+    return f"photo-{slug}" if is_device(slug) else slug
 
 
 def _digest(path: str) -> tuple[str | None, str | None]:

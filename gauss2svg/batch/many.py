@@ -63,7 +63,6 @@ if TYPE_CHECKING:
 _CONNECT_S = 10.0
 # In a batch of fewer photos than this, each job has only one photo.
 _FEW_PHOTOS = 50_000
-_DIED = "its workers died; was there enough memory? Try --max-size, or fewer --workers"
 
 
 def vectorize_many(
@@ -256,7 +255,9 @@ class Batch:
                             suspects += photos
                             continue
                         start: Any = (*photos[0], spec.identity)
-                        records = [PhotoRecord(*start, error=_DIED, error_code="WorkerDied")]
+                        line = "its workers died; was there enough memory? Try --max-size, or "
+                        line += "fewer --workers"
+                        records = [PhotoRecord(*start, error=line, error_code="WorkerDied")]
                     yield from map(self._store, records)
 
 
@@ -352,10 +353,6 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
         raise ClusterError(f"scheduler must be {needed}; got {got}. Try it once it runs") from error
 
 
-# Characters with which a formula in a spreadsheet begins. Source: OWASP, "CSV Injection".
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
-
-
 class Summary:
     """Three counts of the photos of a batch: done, skipped and failed so far."""
 
@@ -396,12 +393,13 @@ def as_cell(value: Any) -> Any:
     """Return a value as a CSV cell.
 
     An apostrophe is put before text that begins like a formula, so that no spreadsheet runs it.
+    Source: OWASP, "CSV Injection".
     """
     if not isinstance(value, str):
         return value
     # A file name may have bytes that are not valid Unicode. They are escaped.
     text = value if value.isascii() else value.encode(errors="backslashreplace").decode()
-    return f"'{text}" if text.startswith(_FORMULA) else text
+    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
 
 
 def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:

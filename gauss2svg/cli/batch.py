@@ -17,8 +17,6 @@ from gauss2svg.cli.terminal import say
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS
 
-USAGE = "PHOTOS -o OUT [OPTIONS]"
-
 
 @dataclass(frozen=True, kw_only=True)
 class BatchCommand(OptionGroup):

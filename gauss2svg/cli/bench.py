@@ -15,8 +15,6 @@ from gauss2svg.options import OptionGroup, file_path
 if TYPE_CHECKING:
     from gauss2svg.compare.grid import Progress
 
-USAGE = "PHOTOS -o OUT [OPTIONS]"
-
 
 @dataclass(frozen=True, kw_only=True)
 class BenchCommand(OptionGroup):

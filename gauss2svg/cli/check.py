@@ -20,10 +20,6 @@ from gauss2svg.processes import command_line
 if TYPE_CHECKING:
     from gauss2svg.measure.check import CheckResult
 
-USAGE = "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]"
-_STATUS_TOO_FAR, _STATUS_FAILED = 1, 2
-_FILES = ("photo", "svg")  # keys that only the reports of several SVGs have
-
 
 @dataclass(frozen=True, kw_only=True)
 class CheckFiles(OptionGroup):
@@ -78,8 +74,9 @@ def run(given: dict[str, Any]) -> int:
     inputs = {photo: "the photo" for photo, _ in pairs} | {svg: "the SVG" for _, svg in pairs}
     if asked.reference is not None:
         inputs[asked.reference] = "the reference"
-    if asked.reference is not None and len({photo for photo, _ in pairs}) > 1:
-        raise refusal("--reference", "given with one photo", f"{len(pairs)} photos", "one photo")
+        if len({photo for photo, _ in pairs}) > 1:
+            got = f"{len(pairs)} photos"
+            raise refusal("--reference", "given with one photo", got, "one photo")
     report = [] if output.report is None else [Path(in_folder(output.report, "check.json"))]
     pictures = [item for each in targets for item in each.items()]
     files.check_outputs(inputs, [*report, *(path for _, path in pictures)])
@@ -98,7 +95,7 @@ def run(given: dict[str, Any]) -> int:
                     raise
                 records.append({"photo": photo, "svg": svg, "error": str(error)})
                 lines.append(f"failed: {svg}: {error}")
-                status = _STATUS_FAILED
+                status = 2
                 continue
             records.append({"photo": photo, "svg": svg, **result.report})
             lines += [] if is_one else [f"{svg}: {note}" for note in result.notes]
@@ -110,8 +107,9 @@ def run(given: dict[str, Any]) -> int:
             if output.min_psnr is not None and lowest < output.min_psnr:
                 of = "" if is_one else f" of {svg}"
                 lines.append(f"PSNR{of} is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")
-                status = max(status, _STATUS_TOO_FAR)
-    reported = {k: v for k, v in records[0].items() if k not in _FILES} if is_one else records
+                status = max(status, 1)
+    of_files = ("photo", "svg")  # keys that only the reports of several SVGs have
+    reported = {k: v for k, v in records[0].items() if k not in of_files} if is_one else records
     contents |= {path: files.as_json(reported) for path in report}
     files.write_all_atomically(contents)
     if is_one and not output.quiet:

@@ -18,12 +18,6 @@ from gauss2svg.pipeline.options import GROUPS, Options
 
 STATUS_SOME_FAILED = 1  # exit status of a command if some photos or runs failed
 _FILES = ("photos", "photo", "svg", "folder")  # fields that are files without an option before them
-_MOST_COLUMNS = 100  # longer lines of a help are hard to read
-_TEXT_COLUMN = 28  # column at which the texts of a help begin
-# Words that stand for the values of an option in the help.
-_KINDS = {int: "INT", float: "FLOAT"}
-_NOT_SHOWN = ("", "True", "False", STANDARD_STREAM)
-_CHECKED = {file_path: "PATH", byte_size: "SIZE"}
 
 # What options of other tools are here. Advice that begins with an option is only for the commands
 # that have this option.
@@ -57,11 +51,11 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, command: str, usage: str, about: str, has_help: bool) -> None:
         name = f"gauss2svg {command}".rstrip()
-        width = min(shutil.get_terminal_size().columns, _MOST_COLUMNS)
+        width = min(shutil.get_terminal_size().columns, 100)  # longer lines are hard to read
         super().__init__(
             prog=name, usage=f"{name} {usage}", description=about,
             formatter_class=partial(
-                argparse.RawDescriptionHelpFormatter, max_help_position=_TEXT_COLUMN, width=width
+                argparse.RawDescriptionHelpFormatter, max_help_position=28, width=width
             ),
             argument_default=argparse.SUPPRESS,  # only what was given is among the values
             add_help=False, allow_abbrev=False, exit_on_error=False,
@@ -198,14 +192,16 @@ def _metavar(field: Field) -> str:
     if field.name == "output":
         return "OUT"
     if field.kind is None:
-        return "CHOICE" if field.words else _CHECKED.get(field.check, "TEXT")
-    return "|".join([_KINDS[field.kind], *map(str, field.words)])
+        checked = {file_path: "PATH", byte_size: "SIZE"}
+        return "CHOICE" if field.words else checked.get(field.check, "TEXT")
+    return "|".join([field.kind.__name__.upper(), *map(str, field.words)])
 
 
 def _help(field: Field, text: str) -> str:
     """Return the text of an option for the help, with its choices and its default."""
     if field.kind is None and field.words:
         text += f" [{', '.join(map(str, field.words))}]"
-    if isinstance(field.default, (int, float, str)) and str(field.default) not in _NOT_SHOWN:
+    is_flag = field.kind is bool or field.default in ("", STANDARD_STREAM)
+    if isinstance(field.default, (int, float, str)) and not is_flag:
         text += f" [default: {field.default}]"
     return text.replace("%", "%%")

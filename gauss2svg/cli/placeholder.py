@@ -11,8 +11,6 @@ from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically, write_output
 from gauss2svg.options import OptionGroup
 
-USAGE = "PHOTOS [-o OUT] [OPTIONS]"
-
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceholderCommand(OptionGroup):

@@ -24,10 +24,6 @@ from typing import Any
 from gauss2svg import processes
 from gauss2svg.errors import on_one_line
 
-_QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
-_ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
-
-
 SIGNALS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)  # signals that end a command
 if sys.platform == "win32":
     # Windows sends SIGBREAK after Ctrl-Break and when a console is closed. The command handles it
@@ -69,15 +65,15 @@ class Interruption:
             _quit_before_fit(number)
         if not is_first or not self._has_fitted:
             raise_for(number)
-        _write_line(_ENDING)
+        _write_line("writing the best result so far; interrupt again to quit at once")
 
 
-def _write_line(line: bytes) -> None:
+def _write_line(line: str) -> None:
     # This does not call print(), because the signal may have interrupted a call of print(), and
     # print() fails if it is called inside itself.
     with suppress(OSError):
         # In a terminal, the cursor may be in the line of a progress bar.
-        os.write(2, b"\n" * os.isatty(2) + line)
+        os.write(2, b"\n" * os.isatty(2) + f"gauss2svg: {line}\n".encode())
 
 
 def status_of(number: int) -> int:
@@ -100,7 +96,7 @@ def exit_for(number: int, _frame: FrameType | None = None) -> None:
     The handler does not raise an exception, because a callback of a C library could lose it, or it
     could leave a module half imported.
     """
-    _write_line(_QUITTING)
+    _write_line("interrupted; every file is whole or untouched")
     os._exit(status_of(number))
 
 
@@ -164,11 +160,6 @@ def _set_handlers(handlers: Mapping[int, Any]) -> dict[int, Any]:
         if handler is not None and before[number] is not signal.SIG_IGN:
             signal.signal(number, handler)
     return before
-
-
-# Seconds between two lines of progress in a log. With this pause, a run of one night writes
-# only hundreds of lines.
-_LINE_S = 60.0
 
 
 def say(line: str) -> None:
@@ -237,7 +228,8 @@ def counting_bar(
             line = f"{done:,} of {total:,}: {now}"
             if show is not None:
                 show(line, done / max(total, 1))
-            elif not quiet and clock() - last_line_at >= _LINE_S:
+            elif not quiet and clock() - last_line_at >= 60:
+                # A run of one night writes only hundreds of lines.
                 last_line_at = clock()
                 say(line)
 

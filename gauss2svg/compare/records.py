@@ -1,4 +1,4 @@
-"""Records of runs: errors, costs and the machine. This module imports no large package."""
+"""Records of runs: their numbers, errors and costs, and the machine."""
 
 from __future__ import annotations
 
@@ -15,9 +15,20 @@ from typing import Any
 import psutil
 
 from gauss2svg.errors import OutputError, error_line
+from gauss2svg.measure import SCORES
 
 Row = dict[str, Any]
 TOOL = "gauss2svg"  # value of "tool" in the records of gauss2svg itself
+# {key of a report: what it counts}
+COUNTS = {
+    "area_count": "Areas", "line_count": "Lines", "node_count": "Nodes", "gaussians": "Gaussians",
+}  # fmt: skip
+COSTS = ("total_s", "cpu_s", "other_cpu_s", "peak_bytes")  # keys of start_watch
+# Keys that a record of the benchmark has of any file.
+FILE_KEYS = (
+    *COSTS, "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
+    "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
+)  # fmt: skip
 
 
 def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:

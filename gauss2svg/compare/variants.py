@@ -30,17 +30,16 @@ from typing import Any, NamedTuple
 
 from gauss2svg.batch.inputs import ListedPhoto, local_photos
 from gauss2svg.batch.stores import TABLE
-from gauss2svg.compare.records import TOOL, start_watch
-from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
+from gauss2svg.compare.records import COUNTS, FILE_KEYS, TOOL, start_watch
+from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
 from gauss2svg.files import reading, text_of
 from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.options import Field, fields_of
+from gauss2svg.measure import SCORES
 from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan
 from gauss2svg.version import __version__
-
-Conversion = Callable[[], object]
 
 
 def _version(package: str) -> str | None:
@@ -61,13 +60,13 @@ class Peer(NamedTuple):
     version   function that returns the installed version, or None if the tool is not installed
     """
 
-    prepare: Callable[..., Conversion]
+    prepare: Callable[..., Callable[[], object]]
     suffix: str
     settings: tuple[dict[str, Any], ...]
     version: Callable[[], str | None] = partial(_version, "Pillow")
 
 
-def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Conversion:
+def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Callable[[], object]:
     import vtracer  # pyright: ignore[reportMissingImports]
 
     paths = str(png), str(output)
@@ -83,7 +82,7 @@ _VTRACER: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Conversion:
+def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Callable[[], object]:
     from PIL import Image
 
     with Image.open(png) as image:
@@ -100,15 +99,10 @@ def _avif_version() -> str | None:
     return features.version("avif")
 
 
-def _settings(name: str, values: Iterable[Any]) -> tuple[dict[str, Any], ...]:
-    return tuple({name: value} for value in values)
-
-
-_QUALITIES = _settings("quality", (10, 30, 60, 90))
-
-
+_QUALITIES = tuple({"quality": quality} for quality in (10, 30, 60, 90))
+_STYLES = tuple({"style": style} for style in _VTRACER)
 PEERS: dict[str, Peer] = {
-    "vtracer": Peer(_vtracer, ".svg", _settings("style", _VTRACER), partial(_version, "vtracer")),
+    "vtracer": Peer(_vtracer, ".svg", _STYLES, partial(_version, "vtracer")),
     "jpeg": Peer(partial(_pillow, "JPEG"), ".jpg", _QUALITIES),
     "webp": Peer(partial(_pillow, "WEBP"), ".webp", _QUALITIES),
     "avif": Peer(partial(_pillow, "AVIF"), ".avif", _QUALITIES, _avif_version),
@@ -127,9 +121,6 @@ def convert_by(tool: str, settings: dict[str, Any], png: Path, output: Path) -> 
     cost = start_watch()
     convert()
     return cost()
-
-
-BATCH = "batch"  # label of the files that a batch has made
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -155,7 +146,7 @@ def photos_and_peers(
     if not (batch / TABLE).is_file():
         raise refusal("--from", "the output folder of gauss2svg batch", f"no {batch / TABLE}")
     photos = [row["input"] for row in rows_of(batch / TABLE) if not row["error"]]
-    return local_photos(sources) if sources else photos, [f"{BATCH}={batch}"]
+    return local_photos(sources) if sources else photos, [f"batch={batch}"]
 
 
 def entries_of(files: str, photos: Iterable[str]) -> Iterator[dict[str, Any]]:
@@ -166,11 +157,17 @@ def entries_of(files: str, photos: Iterable[str]) -> Iterator[dict[str, Any]]:
            photo, and `output` that of the file. If there is neither, the only row holds for all.
 
     The file is None if the folder has none, and "" for a CSV. Numbers are those of a report, by its
-    names.
+    names. Raise InputError for a CSV without a column of a report.
     """
     folder, is_table = Path(files), Path(files).is_file()
     tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
     rows = [row for path in tables if path.is_file() for row in rows_of(path)]
+    columns = [str(name) for name in rows[0]] if rows else []
+    known = [*(score.key for score in SCORES), *FILE_KEYS, *COUNTS]
+    if is_table and set(known).isdisjoint(columns):
+        got, near = brief(", ".join(columns)), [nearest(name, known) for name in columns]
+        advice = next(filter(None, near), "psnr_svg,svgz_bytes")
+        raise refusal(files, "a CSV with columns of a report", got or "no row", advice)
     named = {row.get("photo") or row.get("input") or "": row for row in rows}
     by_stem = {Path(name).stem: row for name, row in named.items()}
     pictures = {} if is_table else {
@@ -185,11 +182,11 @@ def entries_of(files: str, photos: Iterable[str]) -> Iterator[dict[str, Any]]:
         yield {
             "file": "" if is_table and row else data and str(path),
             "digest": data and hashlib.sha256(data).hexdigest(),
-            "numbers": numbers_of(row),
+            "numbers": _numbers_of(row),
         }
 
 
-def numbers_of(row: Mapping[str, str]) -> dict[str, float]:
+def _numbers_of(row: Mapping[str, str]) -> dict[str, float]:
     """Return the cells of a row that are numbers."""
     numbers = {}
     for name, cell in row.items():
@@ -309,7 +306,7 @@ def variants_of(
     axes     the values of each option that is varied. Every combination is a variant. If there are
              no presets, counts or axes, the presets are draft, balanced and high.
     peers    other tools. "vtracer" stands for VTracer with the first of its settings in
-             gauss2svg.compare.variants, "vtracer:detailed" for VTracer with the settings "detailed",
+             PEERS, "vtracer:detailed" for VTracer with the settings "detailed",
              and LABEL=FOLDER for the files of another method
     Raise InputError for any other value, and if there is no variant.
     """
@@ -366,11 +363,6 @@ AXES: dict[str, Field] = {
     or field.name in ("renderer", "max_size")
 }
 
-# If an axis is given as --axis NAME, without values, it usually takes all values of the option. But
-# for these two options it takes only the values listed here. Their other values need programs that
-# may not be installed, such as a browser.
-_USUAL = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
-
 # Settings of the benchmark if no axis is given: first the presets, and then some numbers of
 # Gaussians and of iterations with the default preset. On two cores, these runs take about a minute
 # for a photo of half a megapixel.
@@ -408,10 +400,12 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     InputError for an unknown axis or an invalid value.
     """
     axes: dict[str, tuple[Any, ...]] = {}
+    # Other values of these two options need programs that may not be installed, such as a browser.
+    usual = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
     for text in texts:
         name, equals_sign, listed = text.partition("=")
         axis = _axis(name := name.strip().replace("-", "_"))
-        values = _parsed(axis, listed) if equals_sign else _USUAL.get(name, axis.choices)
+        values = _parsed(axis, listed) if equals_sign else usual.get(name, axis.choices)
         axes[name] = axes.get(name, ()) + values
     return axes
 
@@ -475,9 +469,6 @@ def _axis(name: str) -> Field:
     return Field(f"axis {name}", kind, *_CONSTANTS[kind])
 
 
-_PACKAGE = Path(__file__).parents[1]
-
-
 def _early_reading(module: str, constant: str) -> str:
     """Return how the package reads a constant of a module before a run sets it, or "".
 
@@ -487,8 +478,9 @@ def _early_reading(module: str, constant: str) -> str:
     the loaded modules, because some modules are imported only when they are needed.
     """
     target = f"{module}.{constant}"
-    for path in sorted(_PACKAGE.rglob("*.py")):
-        parts = path.relative_to(_PACKAGE.parent).with_suffix("").parts
+    package = Path(__file__).parents[1]
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
         reader = ".".join(parts).removesuffix(".__init__")
         # The names that this module has for other modules, and for constants: {name: dotted name}.
         names = {constant: target} if reader == module else {}

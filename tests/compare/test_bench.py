@@ -9,7 +9,7 @@ from galleries import cells_expected, cells_of, save
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import BenchOptions, table
-from gauss2svg.compare.run import COUNTS
+from gauss2svg.compare.records import COUNTS
 from gauss2svg.compare.table import run_bench, summarise
 from gauss2svg.errors import InputError
 

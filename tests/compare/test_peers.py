@@ -79,10 +79,13 @@ def test_files_of_another_method_are_measured_and_again_if_they_change(
     assert changed == {("b.png", "svgs")}
 
 
-def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path):
+def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal):
     (tmp_path / "each.csv").write_text("photo,psnr_svg,svgz_bytes\na,30,900\nphotos/b.png,20,100\n")
     (tmp_path / "means.csv").write_text("psnr_svg\n25\n")
+    (tmp_path / "bad.csv").write_text("photo,psnr\na.png,30\n")
     axis = ["--axis", "iterations=1", "--axis", "gaussians=1"]
+    line = refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=bad.csv")
+    assert "must be a CSV with columns of a report; got photo, psnr. Try psnr_svg" in line
     rows = reported("bench", *two_photos, "--peers", "each=each.csv,means=means.csv", *axis)
     assert [rows["a.png", "each"][name] for name in ("psnr_svg", "svgz_bytes")] == [30, 900]
     assert rows["b.png", "each"]["psnr_svg"] == 20
