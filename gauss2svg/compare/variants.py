@@ -34,8 +34,8 @@ from gauss2svg.compare.records import COUNTS, FILE_KEYS, TOOL, start_watch
 from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
 from gauss2svg.files import reading, text_of
 from gauss2svg.fit import MOST_GAUSSIANS
-from gauss2svg.options import Field, fields_of
 from gauss2svg.measure import SCORES
+from gauss2svg.options import Field, fields_of
 from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan

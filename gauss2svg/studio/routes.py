@@ -34,7 +34,7 @@ from gauss2svg.photo import DEFAULT_MAX_PIXELS, SUFFIXES
 from gauss2svg.photo.load import opened
 from gauss2svg.raster.isolated import draw
 from gauss2svg.scene import Scene
-from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, wait_until
+from gauss2svg.studio.jobs import LOOK_S, Job, wait_until
 from gauss2svg.studio.options import MOST_DRAWN, USES, form, lines_of, options_of
 from gauss2svg.studio.worker import MASK, stem_of
 from gauss2svg.svg import Document, Markup, Plotter
@@ -45,21 +45,10 @@ router = APIRouter()
 _TEMPLATES = template_environment("gauss2svg.studio")
 _AXES = {axis.key: axis for axis in SCORES}
 _COSTS = {cost.key: cost for cost in COSTS}
-_FIGURES = (
-    "area_count", "line_count", "gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s",
-    "stop_reason",
-)  # fmt: skip
 _FILES = (
     MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz", "outline.svg",
     "plates.zip", "placeholder.html",
 )  # fmt: skip
-
-_SKIMAGE_SAMPLES = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
-# Suffixes of files that cannot be read. The file dialog still offers them, so that the page can say
-# why.
-REFUSED = (".jxl",)
-_MOST_SAMPLES = 100
-_LONGEST_NAME = 100  # largest number of characters of a display name before its suffix
 
 
 class Sample(BaseModel):
@@ -134,7 +123,7 @@ async def page(studio: Studio) -> HTMLResponse:
         workers=studio.jobs.workers,
         legend=legend(),
         most_levels=MOST,
-        suffixes=(*SUFFIXES, *REFUSED),
+        suffixes=(*SUFFIXES, ".jxl"),  # the page says why a JPEG XL cannot be read
         is_local=studio.is_local,
         uses=USES,
     )
@@ -261,7 +250,10 @@ async def vectorize(request: Request, job: SubmittedJob, studio: Studio) -> Resp
             raise HTTPException(499, "the client has gone")
         await asyncio.sleep(LOOK_S)
     answer, report = await picture(await _finished(job)), job.report or {}
-    for name in _FIGURES:
+    for name in (
+        "area_count", "line_count", "gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s",
+        "stop_reason",
+    ):  # fmt: skip
         answer.headers[f"X-Gauss2svg-{name.replace('_', '-')}"] = str(report[name])
     answer.headers["X-Gauss2svg-job"] = job.id
     return answer
@@ -281,7 +273,7 @@ async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent
     """
     with studio.jobs.reading(job):
         last = None
-        while last is None or last.state in (QUEUED, RUNNING):
+        while last is None or last.state in ("queued", "running"):
             if (now := _state(job, studio)) != last:
                 yield ServerSentEvent(data=now, event="state")
                 last = now
@@ -461,7 +453,7 @@ def display_name(path: str | None) -> str:
     last = re.split(r"[/\\]", path or "")[-1]
     safe = "".join(c for c in last if unicodedata.category(c)[0] != "C" and c not in '<>:"|?*')
     stem, dot, suffix = safe.strip(". ").rpartition(".")
-    return f"{stem[:_LONGEST_NAME]}{dot}{suffix[:8]}" if stem else suffix[:_LONGEST_NAME] or "photo"
+    return f"{stem[:100]}{dot}{suffix[:8]}" if stem else suffix[:100] or "photo"
 
 
 def size_of(path: Path, name: str) -> tuple[int, int]:
@@ -482,12 +474,13 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
     if folder is None:
         from skimage import data
 
+        names = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
         parent = Path(data.__file__).parent
-        paths = [parent / name for name in _SKIMAGE_SAMPLES if (parent / name).is_file()]
+        paths = [parent / name for name in names if (parent / name).is_file()]
     else:
         paths = [p for p in sorted(folder.glob("*")) if is_picture(p.name)]
     samples = []
-    for path in paths[:_MOST_SAMPLES]:
+    for path in paths[:100]:
         try:
             width, height = size_of(path, path.name)
         except InputError:  # a file that cannot be read is not offered on the page

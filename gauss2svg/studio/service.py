@@ -40,10 +40,7 @@ from gauss2svg.studio.routes import router, samples_in
 from gauss2svg.version import __version__
 
 MOST_UPLOADED = 256 * 10**6  # largest number of bytes of an uploaded form, including its files
-_MOST_JSON = 4_000_000  # largest number of bytes in the body of a request that is not a form
 PAUSE_S: float | None = 20.0  # longest pause (s) between two parts of a request's body
-_BODY_S = 300.0  # longest time (s) that the whole body of a request may take to arrive
-
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
@@ -59,7 +56,6 @@ _HEADERS = {
     "cross-origin-resource-policy": "same-origin",
     "cache-control": "no-store",
 }
-_MOST_CONNECTIONS = 512
 _LOCAL_NAMES = {"127.0.0.1", "localhost", "::1", "[::1]"}
 
 
@@ -82,8 +78,6 @@ def create_app(
     """
     queue = Jobs(*workers_and_threads(jobs, threads))
 
-    handled = (HTTPException, RequestValidationError, Gauss2SvgError, OSError, Exception)
-
     @contextlib.asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         queue.start()
@@ -95,7 +89,10 @@ def create_app(
         description="Photos in, SVGs of Gaussians out. Errors are {'error': one line}.",
         lifespan=lifespan,
         openapi_url="/api/openapi.json",
-        exception_handlers=dict.fromkeys(handled, _error_response),
+        exception_handlers=dict.fromkeys(
+            (HTTPException, RequestValidationError, Gauss2SvgError, OSError, Exception),
+            _error_response,
+        ),
         # FastAPI's pages of documentation are left out, because they load scripts of other sites.
         docs_url=None,
         redoc_url=None,
@@ -195,7 +192,7 @@ def serve(
             log_level="critical",
             access_log=False,
             server_header=False,
-            limit_concurrency=_MOST_CONNECTIONS,
+            limit_concurrency=512,
             timeout_graceful_shutdown=1,
         )
         uvicorn.Server(config).run(sockets=[listening])
@@ -241,8 +238,8 @@ class RequestLimits:
             return
         headers, read, pause_s = Headers(scope=scope), 0, PAUSE_S
         is_form = headers.get("content-type", "").startswith("multipart/form-data")
-        most = MOST_UPLOADED if is_form else _MOST_JSON
-        ends = time.monotonic() + _BODY_S
+        most = MOST_UPLOADED if is_form else 4_000_000
+        ends = time.monotonic() + 300  # the whole body has to arrive by then
         too_large = f"a body must be at most {most / 1e6:g} MB; got more. Try a smaller file"
 
         async def bounded() -> Message:

@@ -36,10 +36,6 @@ from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
 MASK = "focus.png"  # name of the mask's file in the folder of a job
-# Attributes of a fit's progress that are written to progress.json.
-_FIT_ATTRIBUTES = (
-    "round", "iteration", "done", "gaussians", "areas", "psnr", "elapsed_s", "remaining_s",
-)  # fmt: skip
 
 
 class _CanceledError(Exception):
@@ -100,7 +96,11 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
                 return
             frames += 1
             _write(folder / "frame.jpg", frame)
-            figures |= {name: getattr(now.fit, name) for name in _FIT_ATTRIBUTES}
+            for name in (
+                "round", "iteration", "done", "gaussians", "areas", "psnr", "elapsed_s",
+                "remaining_s",
+            ):  # fmt: skip
+                figures[name] = getattr(now.fit, name)
             if not now.fit.areas:
                 figures["bytes_estimate"] = USUAL_BYTES * now.fit.gaussians
         _write(folder / "progress.json", as_json(json_safe({**figures, "frame": frames})))
