@@ -11,12 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from gauss2svg import files, processes
 from gauss2svg.cli.parser import run_options
-from gauss2svg.cli.terminal import (
-    Interruption,
-    handling,
-    say,
-    status_of,
-)
+from gauss2svg.cli.terminal import Interruption, handling, say, status_of
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of

@@ -122,19 +122,14 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
 MISTAKES = [
     ("PHOTO -o FOLDER/x/", "ends in .svg or .svgz, or a folder that exists; got"),
     ("PHOTO -o --quiet", "-o must be given with a value; got none. Try"),
-    ("PHOTO --relocate=no", "--relocate must be given without a value; got 'no'"),
     ("PHOTO -o OUT -- -b.svg", "the photo must be one file; got"),
     ("PHOTO -o FOLDER/o.png", "--output must be a name that ends in .svg or .svgz"),
-    ("PHOTO -o OUT --preview FOLDER/a.jpg", "a name that ends in .png"),
     ("PHOTO -o OUT --report FOLDER/a.png", "a name that ends in .json"),
     ("PHOTO -o OUT --quiet=yes", "--quiet must be given without a value; got 'yes'"),
-    ("PHOTO -o OUT --gaussians -3", "a whole number in 0..10000000 or auto; got -3"),
     ("PHOTO -o OUT --time-limit nan", "--time-limit must be a number above 0 and at most 1e+09"),
-    ("PHOTO --max-bytes", "--max-bytes must be given with a value; got none. Try"),
     ("PHOTO -o OUT --focus no.png", "focus must be a picture, but cannot read no.png"),
     ("PHOTO -o OUT --focus-strength 3", "--focus-strength must be given with a mask; got 3"),
     ("PHOTO -o OUT --focus FOLDER/m.png --preview FOLDER/m.png", "m.png, which is also the mask"),
-    ("PHOTO -o OUT --start no.svg", "cannot read no.svg"),
     ("-o OUT", "the photo must be one file; got none. Try gauss2svg --help"),
     ("-", "--output must be given if the photo is standard input"),
     ("check a.svg b.svg PHOTO", "the photo must be before the SVG; got a.svg. Try"),
@@ -144,13 +139,10 @@ MISTAKES = [
     ("check PHOTO a.svg --report OUT", "--report must be a name that ends in .json"),
     ("studio a b", "b must be left out; got a file too many. Try gauss2svg studio"),
     ("PHOTO -o PHOTO", "which is also the photo"),
-    ("PHOTO out.svg", "the photo must be one file; got"),
     ("PHOTO out.svg", "-o out.svg"),
     ("PHOTO -o OUT --outline FOLDER/lines", "--outline must be a name that ends in .svg or .svgz"),
     ("PHOTO -o OUT --colors 4", "got an unknown one. Try --inks 4"),
-    ("PHOTO -o OUT --width 4", "got an unknown one. Try --size 300px"),
     ("check PHOTO a.svg --width 4", "Try --help, or ./--width for a file of that name"),
-    ("PHOTO --out OUT", "got an unknown one. Try --output"),
     ("PHOTO -o OUT --max_bytes none", "--max-bytes must be a size of at least 1 byte"),
     ("PHOTO -o OUT --quality 80", "got '80'. Try high, or --target-psnr 35"),
     ("PHOTO -o OUT --quality hgih", "got 'hgih'. Try high"),
@@ -162,7 +154,6 @@ MISTAKES = [
     ("bacth PHOTO", "bacth must be a photo or a command; got neither. Try gauss2svg batch"),
     ("convert PHOTO", "neither. Try gauss2svg PHOTO -o OUT.svg, or gauss2svg --help"),
     ("batch PHOTO -o OUT", "--output must be the name of a folder; got"),
-    ("gallery PHOTO -o FOLDER/a.html", "--output must be the name of a folder; got"),
     ("placeholder PHOTO PHOTO no.png -o OUT", "--output must be a folder for several SVGs"),
     ("placeholder PHOTO --format html -o OUT", "a name for the format html; got"),
     ("placeholder PHOTO --format json -o FOLDER", "a name for the format json; got"),
@@ -170,14 +161,10 @@ MISTAKES = [
     ("batch PHOTO", "--output must be given; got none. Try gauss2svg batch"),
     ("PHOTO --treads 2", "must be an option; got an unknown one. Try --threads"),
     ("PHOTO -q", "-q must be an option; got an unknown one. Try --help, or ./-q for a"),
-    ("placeholder PHOTO --max-byte 1k", "unknown one. Try --max-bytes"),
     ("placeholder PHOTO -o PHOTO", "--output must be a name for the format svg; got"),
-    ("placeholder PHOTO no.png --format svg", "--output must be given for several SVGs"),
-    ("bench PHOTO -o PHOTO", "cannot create"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
     ("bench PHOTO -o FOLDER/x --axis schedule", "; got linear. Try --axis gaussians=1000"),
     ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "LABEL=FOLDER; got 'jpeg:31'"),
-    ("bench PHOTO -o FOLDER/x --peer-timeout inf", "--peer-timeout must be a number in"),
     ("bench PHOTO -o FOLDER/x --peers draft=.", "no preset and no other peer has; got 'draft'"),
     ("bench PHOTO -o FOLDER/x --peers mine=none", "a folder of SVGs or pictures, or a CSV"),
     ("bench -o FOLDER/x --from FOLDER", "--from must be the output folder of gauss2svg batch; got"),
@@ -191,7 +178,6 @@ MISTAKES = [
     ("studio --no-browser none", "FOLDER"),
     ("studio --no-browser --host 300.1.1.1", "host and port"),
     ("gallery PHOTO -o FOLDER/x --axis pipeline.limits.FULL=1", "axes of a gallery must be"),
-    ("gallery PHOTO -o FOLDER/x --jobs 0", "jobs must be a whole number in 1..256; got 0"),
 ]  # fmt: skip
 
 
@@ -227,14 +213,8 @@ def test_a_folder_takes_files_with_names(picture, tmp_path, refusal):
     folder = tmp_path / "out"
     folder.mkdir()
     options = [
-        "-o",
-        "--outline",
-        "--preview",
-        "--report",
-        "--save-scene",
-        "--separations",
-        "--plot",
-    ]
+        "-o", "--outline", "--preview", "--report", "--save-scene", "--separations", "--plot",
+    ]  # fmt: skip
     given = [word for option in options for word in (option, str(folder))]
     command = [picture, *given, *QUICK, "--inks", "black,white", "--quiet"]
     assert main([str(word) for word in command]) == 0
