@@ -12,7 +12,7 @@ from batches import TINY_COMMAND, left_parts, marks, outputs, save_photo, save_p
 
 from gauss2svg.batch import many, worker
 from gauss2svg.batch.many import Summary, vectorize_many, write_table
-from gauss2svg.batch.stores import MARKS, PARTS, STATE, TABLE, write
+from gauss2svg.batch.stores import MARKS, PARTS, STATE, TABLE, prepare, write
 from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
@@ -204,6 +204,20 @@ def test_photo_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, mon
     assert run(photo)["failed"] == ["large.svg"]
     assert "memory must be at least" in rows(tmp_path / "out")["large.svg"]["error"]
     assert run(photo, max_memory=limit)["done"] == ["large.svg"]
+
+
+def test_a_table_that_takes_long_is_not_harmed_by_another_batch_into_its_folder(tmp_path):
+    def records():
+        for name in ("a", "b"):
+            yield PhotoRecord(f"{name}.png", f"{name}.svg")
+            for part in left_parts(tmp_path):
+                os.utime(tmp_path / PARTS / part, (1, 1))
+            prepare(str(tmp_path))
+
+    prepare(str(tmp_path))
+    write_table(str(tmp_path), records())
+    assert rows(tmp_path).keys() == {"a.svg", "b.svg"}
+    assert left_parts(tmp_path) == []
 
 
 def test_photo_that_kills_its_workers_is_found_and_costs_no_other(run, tmp_path, monkeypatch):
