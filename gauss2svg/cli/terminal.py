@@ -207,20 +207,17 @@ def drop_output() -> None:
 
 
 @contextmanager
-def counting_bar(
-    quiet: bool, clock: Callable[[], float] = time.monotonic
-) -> Iterator[Callable[[str, int, int], None]]:
+def counting_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
     """Show a progress bar on standard error, and yield a function that moves the bar.
 
     The function is update(current step, finished steps, total steps). If standard error is not a
     terminal, there is no bar, and `update` prints a line every minute instead.
 
     quiet  whether to show nothing
-    clock  function that returns the time in seconds
     """
     from gauss2svg.pipeline.progress_display import terminal_bar
 
-    last_line_at = clock()
+    last_line_at = time.monotonic()
     with nullcontext() if quiet else terminal_bar("reading the photos") as show:
 
         def update(now: str, done: int, total: int) -> None:
@@ -228,9 +225,9 @@ def counting_bar(
             line = f"{done:,} of {total:,}: {now}"
             if show is not None:
                 show(line, done / max(total, 1))
-            elif not quiet and clock() - last_line_at >= 60:
+            elif not quiet and time.monotonic() - last_line_at >= 60:
                 # A run of one night writes only hundreds of lines.
-                last_line_at = clock()
+                last_line_at = time.monotonic()
                 say(line)
 
         yield update

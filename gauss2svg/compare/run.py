@@ -20,8 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.compare.records import COSTS, COUNTS, FILE_KEYS, TOOL, record_or_error, start_watch
-from gauss2svg.compare.variants import AXES, PEERS, apply_constants, convert_by, options_in
+from gauss2svg.compare.records import (
+    COSTS,
+    COUNTS,
+    FILE_KEYS,
+    PEERS,
+    TOOL,
+    convert_by,
+    record_or_error,
+    start_watch,
+)
+from gauss2svg.compare.variants import AXES, apply_constants, options_in
 from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure import packages_missing

@@ -173,7 +173,7 @@ def run_bench(
     axes          the values of each option of `vectorize` that is varied. Every combination is run,
                   with the other options at their defaults. If it is None, the settings are
                   gauss2svg.compare.variants.DEFAULT_GRID. If it is empty, only peers are measured.
-    peers         other tools, by their names in compare.variants.PEERS. Tools that are not
+    peers         other tools, by their names in compare.records.PEERS. Tools that are not
                   installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
                   the numbers of another method.
     options       limits of the runs, references, the seed and the number of threads

@@ -5,8 +5,8 @@ written as MODULE.NAME. For example, `--axis pipeline.limits.FULL=0.97,0.985` va
 FULL of the module gauss2svg.pipeline.limits. The benchmark runs every combination of the values of
 all axes.
 
-Another tool is a peer. Its package is imported only in the process that runs it. The files of any
-other method are in a folder, with a CSV of what they cost. A CSV alone has numbers without files.
+The files of any other method are in a folder, with a CSV of what they cost. A CSV alone has numbers
+without files.
 """
 
 from __future__ import annotations
@@ -16,21 +16,18 @@ import csv
 import hashlib
 import io
 import itertools
-import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from gauss2svg.batch.inputs import ListedPhoto, local_photos
 from gauss2svg.batch.stores import TABLE
-from gauss2svg.compare.records import COUNTS, FILE_KEYS, TOOL, start_watch
+from gauss2svg.compare.records import COUNTS, FILE_KEYS, PEERS, TOOL
 from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
 from gauss2svg.files import reading, text_of
 from gauss2svg.fit import MOST_GAUSSIANS
@@ -40,87 +37,6 @@ from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan
 from gauss2svg.version import __version__
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
-
-
-class Peer(NamedTuple):
-    """A tool other than gauss2svg.
-
-    prepare   function that imports the tool, reads the PNG, and returns a second function, which
-              writes the file. Only the time of the second function is measured.
-    suffix    suffix of the file
-    settings  each item has keyword arguments of `prepare`. By default the benchmark runs the tool
-              with every item, and a gallery runs it with the first.
-    version   function that returns the installed version, or None if the tool is not installed
-    """
-
-    prepare: Callable[..., Callable[[], object]]
-    suffix: str
-    settings: tuple[dict[str, Any], ...]
-    version: Callable[[], str | None] = partial(_version, "Pillow")
-
-
-def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Callable[[], object]:
-    import vtracer  # pyright: ignore[reportMissingImports]
-
-    paths = str(png), str(output)
-    return lambda: vtracer.convert_image_to_svg_py(*paths, **_VTRACER[style] | changes)
-
-
-_VTRACER: dict[str, dict[str, Any]] = {
-    "default": {},
-    "polygon": {
-        "mode": "polygon", "path_precision": 0, "filter_speckle": 4, "layer_difference": 16,
-    },
-    "detailed": {"filter_speckle": 1, "color_precision": 8, "layer_difference": 4},
-}  # fmt: skip
-
-
-def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Callable[[], object]:
-    from PIL import Image
-
-    with Image.open(png) as image:
-        pixels = image.convert("RGB")
-    # The first save loads the codec, which must not be part of the measured time.
-    pixels.save(io.BytesIO(), format_name, quality=quality)
-    return lambda: pixels.save(output, format_name, quality=quality)
-
-
-def _avif_version() -> str | None:
-    """Return the version of the AVIF codec, or None if Pillow was built without it."""
-    from PIL import features
-
-    return features.version("avif")
-
-
-_QUALITIES = tuple({"quality": quality} for quality in (10, 30, 60, 90))
-_STYLES = tuple({"style": style} for style in _VTRACER)
-PEERS: dict[str, Peer] = {
-    "vtracer": Peer(_vtracer, ".svg", _STYLES, partial(_version, "vtracer")),
-    "jpeg": Peer(partial(_pillow, "JPEG"), ".jpg", _QUALITIES),
-    "webp": Peer(partial(_pillow, "WEBP"), ".webp", _QUALITIES),
-    "avif": Peer(partial(_pillow, "AVIF"), ".avif", _QUALITIES, _avif_version),
-}
-
-
-def convert_by(tool: str, settings: dict[str, Any], png: Path, output: Path) -> dict[str, Any]:
-    """Write the file of a peer, and return its cost.
-
-    Call this in a process of its own, because it silences standard output and standard error.
-    """
-    null = os.open(os.devnull, os.O_RDWR)
-    for stream in (1, 2):
-        os.dup2(null, stream)
-    convert = PEERS[tool].prepare(png, output, **settings)
-    cost = start_watch()
-    convert()
-    return cost()
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
