@@ -74,7 +74,8 @@ class Parser(argparse.ArgumentParser):
         texts = texts_of(group) if self.has_help and shown else {}
         for field in fields_of(group):
             text = _help(field, texts[field.name]) if texts else argparse.SUPPRESS
-            section.add_argument(*_names(field), help=text, **_properties(field))
+            names, properties = _argument(field)
+            section.add_argument(*names, help=text, **properties)
 
     def read(self, words: list[str]) -> dict[str, Any]:
         """Return the words of the command line by the names of fields.
@@ -86,7 +87,9 @@ class Parser(argparse.ArgumentParser):
         cut = words.index("--") if "--" in words else len(words)
         dashed = {word for word in words[cut + 1 :] if word.startswith("-")} - {STANDARD_STREAM}
         files = [f"./{word}" if word in dashed else word for word in words[cut + 1 :]]
-        options = [_with_dashes(word) for word in words[:cut]]
+        # --max_bytes=1k is read as --max-bytes=1k.
+        dashes = partial(re.sub, "^--[^=]*", lambda match: match[0].replace("_", "-"))
+        options = [dashes(word) for word in words[:cut]]
         try:
             known, unknown = self.parse_known_intermixed_args([*options, *files])
         except argparse.ArgumentError as error:
@@ -157,34 +160,22 @@ def run_options(given: dict[str, Any]) -> Options:
     return Options(**groups)
 
 
-def _with_dashes(word: str) -> str:
-    """Return --max-bytes=1k for --max_bytes=1k, and a word that is no option unchanged."""
-    name, equals, value = word.partition("=")
-    return name.replace("_", "-") + equals + value if name.startswith("--") else word
-
-
 def words(text: str) -> list[str]:
     """Return the items of a text that are separated by commas, without empty items."""
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def _names(field: Field) -> list[str]:
-    """Return the names of an argument for argparse."""
-    if field.name in _FILES:
-        return [field.name]
-    return ["-o"] * (field.name == "output") + [flag_of(field.name)]
-
-
-def _properties(field: Field) -> dict[str, Any]:
-    """Return the properties of an argument for argparse."""
+def _argument(field: Field) -> tuple[list[str], dict[str, Any]]:
+    """Return the names and the properties of an argument for argparse."""
     if field.name in _FILES:
         several = field.name == "photos" or field.default == ()
-        return {"nargs": "*" if several else "?", "metavar": field.name.upper()}
+        return [field.name], {"nargs": "*" if several else "?", "metavar": field.name.upper()}
+    names = ["-o"] * (field.name == "output") + [flag_of(field.name)]
     if field.kind is bool:
         on_by_default = argparse.BooleanOptionalAction
-        return {"action": on_by_default if field.default is True else "store_true"}
+        return names, {"action": on_by_default if field.default is True else "store_true"}
     action = "append" if field.default == () else "store"
-    return {"action": action, "metavar": _metavar(field), "dest": field.name}
+    return names, {"action": action, "metavar": _metavar(field), "dest": field.name}
 
 
 def _metavar(field: Field) -> str:
