@@ -390,8 +390,8 @@ def _early_reading(module: str, constant: str) -> str:
 
     A new value would change only a part of the program in three cases: if a module imports the
     constant by name, if another constant or the bounds of an option are computed from it, and if it
-    is the default of a parameter. The source is read instead of
-    the loaded modules, because some modules are imported only when they are needed.
+    is the default of a parameter. The source is read instead of the loaded modules, because some
+    modules are imported only when they are needed.
     """
     target = f"{module}.{constant}"
     package = Path(__file__).parents[1]
@@ -401,7 +401,11 @@ def _early_reading(module: str, constant: str) -> str:
         # The names that this module has for other modules, and for constants: {name: dotted name}.
         names = {constant: target} if reader == module else {}
         text = path.read_text(encoding="utf-8")
-        for node in _early_nodes(ast.parse(text)) if constant in text else ():
+        nodes: list[Any] = [ast.parse(text)] if constant in text else []
+        for node in nodes:  # the list grows meanwhile
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+                node.body = []  # it does not run when the module is imported
+            nodes += ast.iter_child_nodes(node)
             if isinstance(node, ast.ImportFrom):
                 new = {one.asname or one.name: f"{node.module}.{one.name}" for one in node.names}
                 if target in new.values() or new.keys() & names.keys() & {constant}:
@@ -412,13 +416,3 @@ def _early_reading(module: str, constant: str) -> str:
                 if names.get(first, first) + dot + rest == target:
                     return f"{reader} reads when it is imported"
     return ""
-
-
-def _early_nodes(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the syntax nodes that run when a module is imported."""
-    is_function = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-    body = getattr(node, "body", None) if is_function else []
-    yield node
-    for child in ast.iter_child_nodes(node):
-        if child is not body and child not in (body if isinstance(body, list) else ()):
-            yield from _early_nodes(child)
