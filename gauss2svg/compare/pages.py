@@ -21,7 +21,7 @@ from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import COUNTS, TOOL, Row
-from gauss2svg.compare.variants import Variant, main_variant, variants_of
+from gauss2svg.compare.variants import Variant, entries_of, main_variant, variants_of
 from gauss2svg.errors import OutputError, on_one_line
 from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
@@ -101,7 +101,7 @@ def build_gallery(
     """
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers, axes)
-    entries = {variant: variant.entries(listed) for variant in chosen}
+    entries = {variant: entries_of(variant.files, listed) for variant in chosen}
     options = options or GalleryOptions()
     jobs, size, seed = options.jobs, options.photo_size, options.seed
     # If no number of threads is given, the processes share the cores.

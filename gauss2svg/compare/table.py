@@ -23,7 +23,7 @@ from gauss2svg.compare.chart import Cost, machine_text, scatter, template_enviro
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import COUNTS, TOOL, Row
 from gauss2svg.compare.run import measure_alone
-from gauss2svg.compare.variants import Variant, peer_variants, settings_of
+from gauss2svg.compare.variants import Variant, entries_of, peer_variants, settings_of
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import PSNR, SCORES, Score
@@ -192,7 +192,7 @@ def run_bench(
     photos = listed_photos(images, "images")
     for photo in photos:
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
-    entries = {variant: variant.entries(photos) for variant in variants}
+    entries = {variant: entries_of(variant.files, photos) for variant in variants}
     sources = {} if options.references is None else _references(photos, options.references)
     versions = {"gauss2svg": __version__, "python": platform.python_version()}
 

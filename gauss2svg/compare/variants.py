@@ -17,7 +17,7 @@ import hashlib
 import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
@@ -65,16 +65,19 @@ def photos_and_peers(
     return local_photos(sources) if sources else photos, [f"batch={batch}"]
 
 
-def entries_of(files: str, photos: Iterable[str]) -> Iterator[dict[str, Any]]:
-    """Yield what a method has of each photo: its file, the SHA-256 of that, and its numbers.
+def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, dict[str, Any]]:
+    """Return what a method has of each photo: its file, the SHA-256 of that, and its numbers.
 
-    files  folder of SVGs and pictures with the names of the photos, or a CSV. The folder may have a
+    files  "" for a tool that is run, which gives an empty dict. Otherwise a folder of
+           SVGs and pictures with the names of the photos, or a CSV. The folder may have a
            table.csv, or that of a batch. The column `photo` or `input` of a CSV has the name of the
            photo, and `output` that of the file. If there is neither, the only row holds for all.
 
     The file is None if the folder has none, and "" for a CSV. Numbers are those of a report, by its
     names. Raise InputError for a CSV without a column of a report.
     """
+    if not files:
+        return {}
     folder, is_table = Path(files), Path(files).is_file()
     tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
     rows = [row for path in tables if path.is_file() for row in rows_of(path)]
@@ -90,16 +93,18 @@ def entries_of(files: str, photos: Iterable[str]) -> Iterator[dict[str, Any]]:
         path.stem: path for path in sorted(folder.iterdir())
         if path.name.lower().endswith((*SUFFIXES, ".svg", ".svgz"))
     }  # fmt: skip
+    entries = {}
     for photo in photos:
-        stem = Path(photo).stem
-        row = named.get(photo) or by_stem.get(stem) or named.get("") or {}
+        stem = Path(photo.path).stem
+        row = named.get(photo.path) or by_stem.get(stem) or named.get("") or {}
         path = folder / row["output"] if row.get("output") else pictures.get(stem)
         data = path.read_bytes() if path and path.is_file() else None
-        yield {
+        entries[photo] = {
             "file": "" if is_table and row else data and str(path),
             "digest": data and hashlib.sha256(data).hexdigest(),
             "numbers": _numbers_of(row),
         }
+    return entries
 
 
 def _numbers_of(row: Mapping[str, str]) -> dict[str, float]:
@@ -164,11 +169,6 @@ class Variant(NamedTuple):
         """Columns of a record that describe the variant."""
         names = {"label": self.label, "preset": self.preset, "tool": self.tool}
         return names | {"tool_version": self.version, "settings": dict(self.settings)}
-
-    def entries(self, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, dict[str, Any]]:
-        """Return what `files` has of each photo. If a tool is run, return an empty dict."""
-        found = entries_of(self.files, [photo.path for photo in photos]) if self.files else ()
-        return dict(zip(photos, found, strict=False))
 
 
 def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[Variant], list[str]]:
