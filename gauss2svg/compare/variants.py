@@ -395,6 +395,7 @@ def _early_reading(module: str, constant: str) -> str:
     """
     target = f"{module}.{constant}"
     package = Path(__file__).parents[1]
+    functions: Any = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
     for path in sorted(package.rglob("*.py")):
         parts = path.relative_to(package.parent).with_suffix("").parts
         reader = ".".join(parts).removesuffix(".__init__")
@@ -403,7 +404,7 @@ def _early_reading(module: str, constant: str) -> str:
         text = path.read_text(encoding="utf-8")
         nodes: list[Any] = [ast.parse(text)] if constant in text else []
         for node in nodes:  # the list grows meanwhile
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            if isinstance(node, functions):
                 node.body = []  # it does not run when the module is imported
             nodes += ast.iter_child_nodes(node)
             if isinstance(node, ast.ImportFrom):
