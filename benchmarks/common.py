@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 import re
 from collections.abc import Iterator
@@ -157,6 +158,11 @@ def largest_square(values: Pixels, side: int) -> tuple[slice, slice]:
     ]
     top, left = map(int, np.unravel_index(np.argmax(inside), inside.shape))
     return slice(top, top + side), slice(left, left + side)
+
+
+def command_line(text: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a script's command line, whose help is the text of its module."""
+    return argparse.ArgumentParser(description=text, formatter_class=argparse.RawTextHelpFormatter)
 
 
 def line(cells: Any) -> str:

@@ -10,15 +10,14 @@ photos are the same except for clock_motion, which replaces one that scikit-imag
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 import skimage.data
+from common import command_line
 from tracers import draw
 
-from gauss2svg import Gallery, GalleryProgress, build_gallery
-from gauss2svg.compare.pages import GalleryOptions
+from gauss2svg import Gallery, GalleryOptions, build_gallery
 
 FILES = (
     "astronaut.png", "brick.png", "camera.png", "cell.png", "chelsea.png", "chessboard_GRAY.png",
@@ -26,32 +25,27 @@ FILES = (
     "hubble_deep_field.jpg", "ihc.png", "logo.png", "moon.png", "motorcycle_left.png", "page.png",
     "retina.jpg", "rocket.jpg", "text.png",
 )  # fmt: skip
-PHOTO_PX, GAUSSIANS = 384, 1404
-SAMPLE_FILES, SAMPLE_COUNTS = ("coffee.png", "chelsea.png"), (100, 800)
-SAMPLE = GalleryOptions(photo_size=256, title="Two photos as Gaussians")
 # https://github.com/BramAlkema/SplatThis, version 0.3, on the machine of its authors.
 PUBLISHED = {"psnr_svg": 25.6, "ssim_svg": 0.780, "svg_bytes": 1.25e6, "total_s": 401.0}
-PEER_TIMEOUT_S = 4000.0
 
 
 def main() -> int:
     """Make the gallery of the command line; returns 1 if something failed."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("directory", type=Path)
     parser.add_argument("photos", nargs="*", help="names without an ending, such as coffee")
     parser.add_argument("--peers", nargs="*", default=[], help="styles of benchmarks/tracers.py")
     parser.add_argument("--sample", action="store_true")
     args = parser.parse_args()
     names = [name for name in FILES if not args.photos or name.partition(".")[0] in args.photos]
-    counts, options = (GAUSSIANS,), GalleryOptions(photo_size=PHOTO_PX)
+    counts, options = (1404,), GalleryOptions(photo_size=384)
     if args.sample:
-        names, counts, options = SAMPLE_FILES, SAMPLE_COUNTS, SAMPLE
+        names, counts = ["coffee.png", "chelsea.png"], (100, 800)
+        options = GalleryOptions(photo_size=256, title="Two photos as Gaussians")
     # The package's own folder: skimage.data_dir is a download cache where pooch is installed.
     shipped = Path(skimage.data.__file__).parent
     photos, drawings = [str(shipped / name) for name in names], Path(f"{args.directory}-tracers")
-    folders = [draw(style, photos, drawings, PEER_TIMEOUT_S, PHOTO_PX) for style in args.peers]
+    folders = [draw(style, photos, drawings, 4000.0, 384) for style in args.peers]
     gallery = build_gallery(
         photos,
         args.directory,
@@ -59,7 +53,7 @@ def main() -> int:
         peers=[f"{folder.name}={folder}" for folder in folders],
         options=options,
         command=" ".join(["python", "benchmarks/gallery.py", *sys.argv[1:]]),
-        progress=_print_progress,
+        progress=lambda now: print(now.done, now.total, *now.now, sep="; ", file=sys.stderr),
     )
     print_medians(gallery)
     for failure in gallery.failures:
@@ -80,11 +74,6 @@ def print_medians(gallery: Gallery) -> None:
             f"{name:16} {count:6}  {medians['psnr_svg']:7.2f}  {medians['ssim_svg']:.3f}"
             f"  {medians['svg_bytes'] / 1e3:5.0f}k  {medians['total_s']:5.1f}"
         )
-
-
-def _print_progress(progress: GalleryProgress) -> None:
-    if progress.now:
-        print(f"{progress.done}/{progress.total} {'; '.join(progress.now)}", file=sys.stderr)
 
 
 if __name__ == "__main__":

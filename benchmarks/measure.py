@@ -55,6 +55,7 @@ import numpy as np
 from common import (
     Picture,
     Pixels,
+    command_line,
     drawn,
     eight_bits,
     head,
@@ -273,9 +274,7 @@ def files_of(
 
 def main() -> None:
     """Parse the command line, print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("pictures", nargs="+")
     parser.add_argument("--set", dest="sets", action="append", default=[], metavar="OPTIONS")
     parser.add_argument("--family", dest="families", action="append", default=[], choices=FAMILIES)

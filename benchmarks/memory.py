@@ -8,7 +8,6 @@ from /proc (Linux). --quick skips photos of more than a megapixel.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import head, line
+from common import command_line, head, line
 from PIL import Image
 
 from gauss2svg.photo.load import header_of
@@ -67,7 +66,6 @@ CASES: tuple[tuple[tuple[int, int], dict[str, Any]], ...] = (
     ((8192, 8192), {"gaussians": 300, "quality": "draft"}),
     ((8192, 8192), {"gaussians": 300, "quality": "draft", "full_size": True}),
 )
-_QUICK_PX = 1_000_000
 
 
 def photo(width: int, height: int) -> Image.Image:
@@ -87,13 +85,13 @@ def measured(path: Path, options: dict[str, Any]) -> tuple[int, int, int]:
 
 def main() -> None:
     """Parse the command line, print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = command_line(__doc__)
     parser.add_argument("--quick", action="store_true")
     quick = parser.parse_args().quick
     print(head(["photo, px", "options", "fit, px", "peak, MB", "estimate, MB", "ratio"]))
     with tempfile.TemporaryDirectory() as folder:
         for (width, height), options in CASES:
-            if quick and width * height > _QUICK_PX:
+            if quick and width * height > 1e6:
                 continue
             options = dict(options)
             name = options.pop("file", "jpg")

@@ -12,7 +12,6 @@ not installed are named and left out.
 
 from __future__ import annotations
 
-import argparse
 import math
 import statistics
 import sys
@@ -20,7 +19,7 @@ import time
 from itertools import product
 
 import numpy as np
-from common import head, line, pictures, vectorized
+from common import command_line, head, line, pictures, vectorized
 
 from gauss2svg import RendererError, Result
 from gauss2svg.measure.metrics import psnr
@@ -29,7 +28,6 @@ from gauss2svg.render import render
 from gauss2svg.svg.forms import BLUR, GRADIENT
 
 SCALES = (1.0, 2.0, 0.5)
-RUNS = 3
 
 
 def installed(names: list[str]) -> dict[str, str]:
@@ -46,7 +44,7 @@ def installed(names: list[str]) -> dict[str, str]:
 def measured(result: Result, name: str) -> list[float]:
     """Return PSNR in dB against the model at each scale, then the seconds at the first."""
     found, seconds = [], []
-    for scale in (*SCALES, *[1.0] * (RUNS - 1)):
+    for scale in (*SCALES, 1.0, 1.0):
         width, height = (round(scale * s) for s in (result.scene.width, result.scene.height))
         begun = time.perf_counter()
         try:
@@ -71,9 +69,7 @@ def cells(values: np.ndarray) -> list[str]:
 
 def main() -> None:
     """Parse the command line, print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("pictures", nargs="+")
     parser.add_argument("--counts", default="2000,10000")
     parser.add_argument("--renderers", nargs="+", choices=RENDERERS, default=list(RENDERERS))

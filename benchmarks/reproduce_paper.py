@@ -11,7 +11,6 @@ exceeds the standard deviation of the paired differences. FOLDER gets the figure
 
 from __future__ import annotations
 
-import argparse
 import math
 import statistics
 import time
@@ -23,7 +22,17 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from common import drawn, encoded, head, largest_square, line, resized, shipped, vectorized
+from common import (
+    command_line,
+    drawn,
+    encoded,
+    head,
+    largest_square,
+    line,
+    resized,
+    shipped,
+    vectorized,
+)
 from panels import Pixels, png, tiles
 from PIL import Image
 from scipy.ndimage import maximum_filter
@@ -385,9 +394,7 @@ def ellipses(photos: Photos, settings: Settings, figures: Figures) -> Claims:
 
 def main() -> None:
     """Parse the command line, print the tables, write the figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--quick", action="store_true")
     given = parser.parse_args()

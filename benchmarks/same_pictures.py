@@ -13,7 +13,6 @@ The exit status is 1 if a run fails or a file differs. On all machines the same 
 
 from __future__ import annotations
 
-import argparse
 import gzip
 import io
 import math
@@ -25,18 +24,15 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import tifffile
+from common import ROOT, command_line
 from PIL import Image
 from skimage import data
 
 from gauss2svg.raster import rasterize
-
-ROOT = Path(__file__).resolve().parents[1]
-RENDERERS = {"blur": "chromium"}  # resvg draws these SVGs wrongly
 
 # The command of each case. None has a time limit, because its result would depend on the clock.
 CASES = {
@@ -69,29 +65,23 @@ CASES = {
 }
 
 
-@dataclass(frozen=True)
-class Side:
-    """One of the two packages.
+def run(tree: Path, folder: Path, pictures: Path) -> tuple[dict[str, bytes], float]:
+    """Return the files of a case by their names, and the CPU seconds of its process.
 
-    tree  folder that has the package `gauss2svg`
-    work  folder for the files of each case
+    tree    folder that has the package `gauss2svg`
+    folder  folder for the files, whose name is that of the case
     """
-
-    tree: Path
-    work: Path
-
-    def run(self, case: str, pictures: Path) -> tuple[dict[str, bytes], float]:
-        """Return the files of a case by their names, and the CPU seconds of its process."""
-        folder, paths = self.work / case, {"PYTHONPATH": str(self.tree)}
-        command = [sys.executable, "-m", "gauss2svg", *CASES[case].split(), "-o", "-", "--quiet"]
-        shutil.rmtree(folder, ignore_errors=True)
-        shutil.copytree(pictures, folder)
-        before = cpu_s()
-        with (folder / "out.svg").open("wb") as out:
-            subprocess.run(command, cwd=folder, env=os.environ | paths, stdout=out, check=True)
-        used_s = cpu_s() - before
-        written = {p.name for p in folder.iterdir()} - {p.name for p in pictures.iterdir()}
-        return {name: (folder / name).read_bytes() for name in sorted(written)}, used_s
+    words = CASES[folder.name].split()
+    command = [sys.executable, "-m", "gauss2svg", *words, "-o", "-", "--quiet"]
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(pictures, folder)
+    before = cpu_s()
+    with (folder / "out.svg").open("wb") as out:
+        environment = os.environ | {"PYTHONPATH": str(tree)}
+        subprocess.run(command, cwd=folder, env=environment, stdout=out, check=True)
+    used_s = cpu_s() - before
+    written = {p.name for p in folder.iterdir()} - {p.name for p in pictures.iterdir()}
+    return {name: (folder / name).read_bytes() for name in sorted(written)}, used_s
 
 
 def cpu_s() -> float:
@@ -132,7 +122,8 @@ def psnr(case: str, svg: bytes, picture: np.ndarray) -> float:
     """Return the PSNR in dB of a rasterised SVG, gzipped or not, against a picture."""
     text = (gzip.decompress(svg) if svg[:2] == b"\x1f\x8b" else svg).decode()
     height, width = picture.shape[:2]
-    raster = rasterize(text, width, height, RENDERERS.get(case, "resvg"))
+    # resvg draws blurs wrongly.
+    raster = rasterize(text, width, height, "chromium" if case == "blur" else "resvg")
     return -10 * math.log10(np.mean((raster - picture) ** 2))
 
 
@@ -152,15 +143,13 @@ def compare(commit: str, cases: list[str], work: Path) -> bool:
     """Print a line for each case, and return whether all files are equal."""
     parse = ["git", "-C", str(ROOT), "rev-parse", "--verify", f"{commit}^{{commit}}"]
     sha = subprocess.run(parse, capture_output=True, text=True, check=True).stdout.strip()
-    old = Side(work / sha, work / f"{sha}-files")
-    new = Side(ROOT, work / "new-files")
-    unpack(sha, old.tree)
+    unpack(sha, work / sha)
     shutil.rmtree(work / "pictures", ignore_errors=True)
     pictures = make_pictures(work / "pictures")
     differences, different = [], 0
     for case in cases:
-        old_files, old_s = old.run(case, work / "pictures")
-        new_files, new_s = new.run(case, work / "pictures")
+        old_files, old_s = run(work / sha, work / f"{sha}-files" / case, work / "pictures")
+        new_files, new_s = run(ROOT, work / "new-files" / case, work / "pictures")
         names = old_files.keys() | new_files.keys()
         changed = sorted(name for name in names if old_files.get(name) != new_files.get(name))
         words, change = f"equal: {', '.join(sorted(names))}", 0.0
@@ -186,7 +175,7 @@ def compare(commit: str, cases: list[str], work: Path) -> bool:
 
 def main() -> int:
     """Parse the command line, compare, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = command_line(__doc__)
     parser.add_argument("old")
     parser.add_argument("--only", default=",".join(CASES))
     parser.add_argument("--work", type=Path)

@@ -70,9 +70,7 @@ def optimised_stops(count: int, beta: float) -> Stops:
     return offsets.tolist(), opacities.tolist()
 
 
-def sampled(
-    beta: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.floating]]:
+def sampled(beta: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.floating]]:
     """Offsets (n,), their weight in the integral over the disc, and the profile there."""
     radius = float(cut_radius(beta))
     x = (np.arange(SAMPLES) + 0.5) / SAMPLES

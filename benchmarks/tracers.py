@@ -11,7 +11,6 @@ swag-converter are programs.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -21,6 +20,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from common import command_line
 from numpy.typing import NDArray
 
 from gauss2svg.compare.records import start_watch
@@ -125,9 +125,7 @@ def draw_one(
 
 def main() -> None:
     """Draw the photos of the command line, and print what --peers takes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("photos", nargs="+")
     parser.add_argument("--styles", nargs="+", required=True, choices=STYLES, metavar="STYLE")

@@ -4,7 +4,7 @@ from . import studio as studio
 from .batch.many import vectorize_many as vectorize_many
 from .batch import BatchOptions as BatchOptions
 from .batch.worker import PhotoRecord as PhotoRecord
-from .compare.pages.build import (
+from .compare.pages import (
     Gallery as Gallery,
     GalleryProgress as GalleryProgress,
     build_gallery as build_gallery,

@@ -238,8 +238,7 @@ def asked(monkeypatch):
     """The requests of a gallery, answered in this process: SVGs by `galleries.canned`."""
     import galleries
 
-    from gauss2svg.compare import run
-    from gauss2svg.compare.pages import build
+    from gauss2svg.compare import pages, run
 
     found, make_photo = galleries.Asked(), run.make_photo
 
@@ -248,7 +247,7 @@ def asked(monkeypatch):
         found.append((kind, folder.rpartition("/photos/")[2]))
         return make(request)
 
-    monkeypatch.setattr(build, "Pool", PoolHere)
+    monkeypatch.setattr(pages, "Pool", PoolHere)
     monkeypatch.setattr(run, "make_photo", partial(answer, "photo", make_photo))
     monkeypatch.setattr(run, "make_svg", partial(answer, "variant", lambda r: galleries.canned(r)))
     return found

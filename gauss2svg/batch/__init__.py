@@ -10,17 +10,13 @@ from typing import Annotated, Any
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Interval, OptionGroup
 
-# Largest value of --workers. A larger one is probably a mistake, because few machines have as many
-# cores.
-_MAX_WORKERS = 1024
-# An address of Dask: a protocol or none, a host or an IPv6 address in brackets, and a port.
-_ADDRESS = re.compile(r"((?:tcp|tls|wss?|ucx)://)?([^\s/:\[\]]+|\[[^\s/\[\]]+\]):([0-9]{1,5})")
-
 
 def _check_address(name: str, value: Any) -> str:
     """Return the address of a Dask scheduler. Raise InputError if it is not of the right form."""
-    match = _ADDRESS.fullmatch(value) if isinstance(value, str) else None
-    if match is None or not 0 < int(match[3]) < 1 << 16:
+    # An address is a protocol or none, a host or an IPv6 address in brackets, and a port.
+    form = r"(?:(?:tcp|tls|wss?|ucx)://)?(?:[^\s/:\[\]]+|\[[^\s/\[\]]+\]):([0-9]{1,5})"
+    match = re.fullmatch(form, value) if isinstance(value, str) else None
+    if match is None or not 0 < int(match[1]) < 1 << 16:
         needed = "an address of a Dask scheduler with a port of 1..65535"
         raise refusal(name, needed, quoted(value), "tcp://host:8786")
     return value
@@ -30,7 +26,8 @@ def _check_address(name: str, value: Any) -> str:
 class BatchOptions(OptionGroup):
     """Options of the processes that run a batch."""
 
-    workers: Annotated[int | None, Interval(ge=1, le=_MAX_WORKERS)] = None
+    # Few machines have 1024 cores, so a larger number is probably a mistake.
+    workers: Annotated[int | None, Interval(ge=1, le=1024)] = None
     """Number of worker processes on this machine. The default is one for each core, or as many as
     the memory allows."""
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
-from gauss2svg.batch.listing import ListedPhoto, listed_photos
+from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.errors import Gauss2SvgError, InputError, brief, quoted, refusal
 from gauss2svg.files import (
     FILE_ENDINGS,
@@ -36,18 +36,10 @@ from gauss2svg.pipeline.placeholder import (
 from gauss2svg.svg.file import is_own
 from gauss2svg.version import __version__
 
-# In a list in HTML, each photo has a line. This pattern matches the beginning of such a line. Its
-# group is the address of the photo.
-_LINE = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
 # {suffix: media type} of better formats. If photo.avif or photo.webp is in the folder of photo.jpg,
 # the <picture> of photo.jpg offers this file too. The best format comes first, because a browser
 # takes the first file whose type it supports.
 _SOURCES = {".avif": "image/avif", ".webp": "image/webp"}
-
-# {ending of an output: the format that it stands for}
-_FORMATS = {".json": "json", ".html": "html", ".htm": "html", ".svg": "svg"}
-# {format: the format whose endings its output may have}, for formats that have none of their own
-_LIKE = {"object": "json", "picture": "html"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,8 +215,10 @@ class PlaceholderList:
                     raise TypeError("of another form")
                 entries = records.values() if isinstance(records, dict) else records
                 return data, {entry["metadata"]["path"]: entry for entry in entries}
+            # Each photo has a line, which begins with this and the address of the photo.
+            begin = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
             lines = [line for line in text.split("\n") if line.strip()]
-            lines_by_key = {match[1]: line for line in lines if (match := _LINE.match(line))}
+            lines_by_key = {match[1]: line for line in lines if (match := begin.match(line))}
             if not lines or len(lines_by_key) < len(lines):
                 raise ValueError("not lines of <img>")
             return data, lines_by_key
@@ -241,9 +235,10 @@ def _format_of(output: str, form: Any) -> Any:
     """
     is_folder = os.path.isdir(output) or output.endswith(("/", os.sep))
     ending = ".svg" if is_folder else os.path.splitext(output)[1].lower()
-    named = _FORMATS.get(ending, "another" if ending in FILE_ENDINGS else "")
+    formats = {".json": "json", ".html": "html", ".htm": "html", ".svg": "svg"}
+    named = formats.get(ending, "another" if ending in FILE_ENDINGS else "")
     form = form or {"another": "svg", "": "json"}.get(named, named)
-    like = _LIKE.get(form, form)
+    like = {"object": "json", "picture": "html"}.get(form, form)  # the same endings
     if named not in ("", like):
         needed, stem = f"a name for the format {form}", os.path.splitext(output)[0]
         raise refusal("--output", needed, quoted(output), brief(f"{stem}.{like}"))

@@ -15,10 +15,10 @@ from gauss2svg.files import check_writable, make_folder, reason_of, replace, wri
 
 # Folder in the output folder, for the table, the options, the marks and the unfinished files.
 STATE = "gauss2svg-batch"
+TABLE = f"{STATE}/table.csv"
 PARTS = f"{STATE}/parts"  # folder of the unfinished files
+MARKS = f"{STATE}/marks"  # folder of the marks
 PATH_SEPARATOR = re.compile(r"[/\\]" if os.sep == "\\" else "/")
-# Protocols of stores in which nobody can see a file half written.
-_WHOLE_PUT = "s3, s3a, gs, gcs, az, abfs, abfss, oss, oci, memory"
 
 
 class _Local:
@@ -39,9 +39,6 @@ class _Local:
         """Return text that changes with the file: its size and the time of its last change."""
         status = os.stat(path)
         return f"{status.st_size} {status.st_mtime_ns}"
-
-
-_LOCAL = _Local()
 
 
 def is_url(path: str) -> bool:
@@ -78,7 +75,7 @@ def file_system_of(
             fs.dircache.use_listings_cache = False
             yield fs, path
         else:
-            yield _LOCAL, name
+            yield _Local(), name
     except (Gauss2SvgError, MemoryError):
         raise
     except Exception as error:  # stores raise exceptions of their own classes
@@ -112,8 +109,10 @@ def prepare(root: str) -> None:
     could see a file half written.
     """
     if is_url(root):
-        if root.partition("://")[0] not in _WHOLE_PUT.split(", "):
-            raise refusal("output", f"a folder, or on one of {_WHOLE_PUT}", root, "a folder")
+        # In these stores nobody can see a file half written.
+        stores = "s3, s3a, gs, gcs, az, abfs, abfss, oss, oci, memory"
+        if root.partition("://")[0] not in stores.split(", "):
+            raise refusal("output", f"a folder, or on one of {stores}", root, "a folder")
         write(root, f"{PARTS}/writable", b"")
         return
     make_folder(Path(root, PARTS))

@@ -20,18 +20,13 @@ from functools import cache, partial
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
-from gauss2svg.batch.stores import STATE, file_system_of, is_url, write
+from gauss2svg.batch.stores import MARKS, file_system_of, is_url, write
 from gauss2svg.errors import ClusterError, Gauss2SvgError, OutputError, error_line, refusal
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
-MARKS = f"{STATE}/marks"  # folder of the marks in the output folder
-_REPORT_KEYS = {
-    "width", "height", "gaussians", "area_count", "line_count", "node_count", "psnr_svg",
-    "ssim_svg", "ssimulacra2_svg", "flip_svg", "paint_ms", "stop_reason", "svg_bytes", "svgz_bytes",
-}  # fmt: skip
 # Error numbers (errno) of a write that fails because of the file's name. The batch goes on after
 # such an error, because files with other names can still be written.
 _FILE_NAME_ERRNOS = {errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EINVAL}
@@ -217,5 +212,6 @@ def _write_svg(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
     if not may_write:
         raise refusal("output", "a new file, or one of a batch", target, "another folder")
     write(spec.root, output, data)
-    entries = {name: result.report[name] for name in _REPORT_KEYS}
-    return entries | {"unreached": result.report["unreached"]}
+    own = {"input", "output", "options", "stamp", "total_s", "cpu_s", "error", "error_code"}
+    names = {*PhotoRecord._fields} - own - {"skipped"}
+    return {name: result.report[name] for name in names}

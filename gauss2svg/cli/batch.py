@@ -17,8 +17,6 @@ from gauss2svg.cli.terminal import say
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS
 
-USAGE = "PHOTOS -o OUT [OPTIONS]"
-
 
 @dataclass(frozen=True, kw_only=True)
 class BatchCommand(OptionGroup):
@@ -50,8 +48,7 @@ SECTIONS |= {title: GROUPS[key] for key, title in GROUP_TITLES.items()}
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    from gauss2svg.batch.many import Batch
-    from gauss2svg.batch.table import Summary
+    from gauss2svg.batch.many import Batch, Summary
 
     command = BatchCommand.of(given)
     files.check_folder(command.output)

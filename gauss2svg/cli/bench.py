@@ -15,8 +15,6 @@ from gauss2svg.options import OptionGroup, file_path
 if TYPE_CHECKING:
     from gauss2svg.compare.grid import Progress
 
-USAGE = "PHOTOS -o OUT [OPTIONS]"
-
 
 @dataclass(frozen=True, kw_only=True)
 class BenchCommand(OptionGroup):
@@ -57,9 +55,8 @@ SECTIONS = {"Parameters": BenchCommand, "Benchmark": BenchOptions}
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    from gauss2svg.compare.peers import photos_and_peers
     from gauss2svg.compare.table import run_bench
-    from gauss2svg.compare.variants import parse_axes, peer_variants
+    from gauss2svg.compare.variants import parse_axes, peer_variants, photos_and_peers
     from gauss2svg.measure import packages_missing
 
     command = BenchCommand.of(given)

@@ -20,10 +20,6 @@ from gauss2svg.processes import command_line
 if TYPE_CHECKING:
     from gauss2svg.measure.check import CheckResult
 
-USAGE = "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]"
-_STATUS_TOO_FAR, _STATUS_FAILED = 1, 2
-_FILES = ("photo", "svg")  # keys that only the reports of several SVGs have
-
 
 @dataclass(frozen=True, kw_only=True)
 class CheckFiles(OptionGroup):
@@ -72,14 +68,15 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.cli.summary import check_table, print_check
 
     asked, output, options = CheckFiles.of(given), CheckOutput.of(given), CheckOptions.of(given)
-    pairs = _pairs(asked)
+    pairs, lines = _pairs(asked)
     is_one = len(pairs) == 1
     targets = [_pictures(output, svg, is_one) for _, svg in pairs]
     inputs = {photo: "the photo" for photo, _ in pairs} | {svg: "the SVG" for _, svg in pairs}
     if asked.reference is not None:
         inputs[asked.reference] = "the reference"
-    if asked.reference is not None and len({photo for photo, _ in pairs}) > 1:
-        raise refusal("--reference", "given with one photo", f"{len(pairs)} photos", "one photo")
+        if len({photo for photo, _ in pairs}) > 1:
+            got = f"{len(pairs)} photos"
+            raise refusal("--reference", "given with one photo", got, "one photo")
     report = [] if output.report is None else [Path(in_folder(output.report, "check.json"))]
     pictures = [item for each in targets for item in each.items()]
     files.check_outputs(inputs, [*report, *(path for _, path in pictures)])
@@ -87,7 +84,6 @@ def run(given: dict[str, Any]) -> int:
         check_ending(flag_of(name), path, (".json" if name == "report" else ".png",))
     records: list[dict[str, Any]] = []
     contents: dict[Path, bytes] = {}
-    lines: list[str] = []
     status = 0
     with counting_bar(output.quiet or is_one) as update:
         for (photo, svg), paths in zip(pairs, targets, strict=True):
@@ -99,7 +95,7 @@ def run(given: dict[str, Any]) -> int:
                     raise
                 records.append({"photo": photo, "svg": svg, "error": str(error)})
                 lines.append(f"failed: {svg}: {error}")
-                status = _STATUS_FAILED
+                status = 2
                 continue
             records.append({"photo": photo, "svg": svg, **result.report})
             lines += [] if is_one else [f"{svg}: {note}" for note in result.notes]
@@ -111,8 +107,9 @@ def run(given: dict[str, Any]) -> int:
             if output.min_psnr is not None and lowest < output.min_psnr:
                 of = "" if is_one else f" of {svg}"
                 lines.append(f"PSNR{of} is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")
-                status = max(status, _STATUS_TOO_FAR)
-    reported = {k: v for k, v in records[0].items() if k not in _FILES} if is_one else records
+                status = max(status, 1)
+    of_files = ("photo", "svg")  # keys that only the reports of several SVGs have
+    reported = {k: v for k, v in records[0].items() if k not in of_files} if is_one else records
     contents |= {path: files.as_json(reported) for path in report}
     files.write_all_atomically(contents)
     if is_one and not output.quiet:
@@ -125,8 +122,11 @@ def run(given: dict[str, Any]) -> int:
     return status
 
 
-def _pairs(asked: CheckFiles) -> list[tuple[str, str]]:
-    """Return (photo, SVG) for each comparison. Raise InputError if there is none."""
+def _pairs(asked: CheckFiles) -> tuple[list[tuple[str, str]], list[str]]:
+    """Return (photo, SVG) for each comparison, and a line that names files without a partner.
+
+    Raise InputError if there is no comparison.
+    """
     photos, svgs = expanded([asked.photo]), expanded(asked.svg)
     photo = photos[0]
     if os.path.isdir(photo) and len(photos) == 1:
@@ -135,21 +135,29 @@ def _pairs(asked: CheckFiles) -> list[tuple[str, str]]:
         folder = svgs[0] if svgs else photo
         names = [(path, os.path.join(folder, name)) for path, name in photos_of([photo])]
         pairs = [(p, n + end) for p, n in names for end in SVG_ENDINGS if os.path.isfile(n + end)]
+        svg_files = [
+            p for p in sorted(Path(folder).rglob("*")) if p.name.lower().endswith(SVG_ENDINGS)
+        ]
+        paired = {Path(path) for pair in pairs for path in pair}
+        alone = [str(p) for p in (*(Path(p) for p, _ in names), *svg_files) if p not in paired]
         if not pairs or len(svgs) > 1:
             got = brief(", ".join(svgs[1:])) if pairs else f"none in {folder}"
             advice = command_line(["gauss2svg", "batch", photo, "-o", folder])
             raise refusal("SVGs", "in a folder and have the names of the photos", got, advice)
-        return pairs
+        more = f" and {len(alone) - 10} more" if len(alone) > 10 else ""
+        line = f"without a partner of the same name: {', '.join(alone[:10])}{more}"
+        return pairs, [line] * bool(alone)
     if not svgs:
         raise refusal("SVG", "given", "none", "gauss2svg check --help")
     if len(photos) != 1 or [photo, *svgs].count(STANDARD_STREAM) > 1:
         got = brief(", ".join([*photos, *svgs]))
         raise refusal("photo and SVG", "one file each", got, "a file name for each")
-    pictures = [name for name in svgs if name.lower().endswith(SUFFIXES)]
-    if pictures and photo.lower().endswith(SVG_ENDINGS):
-        advice = command_line(["gauss2svg", "check", pictures[0], photo])
-        raise refusal("the photo", "before the SVG", photo, advice)
-    return [(photo, svg) for svg in svgs]
+    if pictures := [name for name in svgs if name.lower().endswith(SUFFIXES)]:
+        if photo.lower().endswith(SVG_ENDINGS):
+            advice = command_line(["gauss2svg", "check", pictures[0], photo])
+            raise refusal("the photo", "before the SVG", photo, advice)
+        raise refusal("every file after the photo", "an SVG", pictures[0])
+    return [(photo, svg) for svg in svgs], []
 
 
 def _pictures(output: CheckOutput, svg: str, is_one: bool) -> dict[str, Path]:

@@ -11,9 +11,6 @@ from gauss2svg.cli.main import COMMANDS, command_of
 from gauss2svg.cli.parser import Parser
 from gauss2svg.options import fields_of
 
-# In bash, photos are completed where shtab knows only commands.
-_BASH = "complete -o default -o filenames -F _shtab_gauss2svg gauss2svg"
-
 
 def completion(shell: str) -> str:
     """Return the script of bash, zsh or fish that completes commands, options and choices."""
@@ -21,10 +18,13 @@ def completion(shell: str) -> str:
     # The first word is a photo or a command. shtab takes one of them.
     whole._actions[:] = [action for action in whole._actions if action.option_strings]
     commands = whole.add_subparsers(parser_class=ArgumentParser)
-    for name, about in COMMANDS.items():
+    for name, (about, _) in COMMANDS.items():
         part = _completed(command_of([name, "--help"])[1])
         commands.add_parser(name, parents=[part], add_help=False, help=about)
-    return "\n".join([shtab.complete(whole, shell), *([_BASH] if shell == "bash" else [])])
+    script = shtab.complete(whole, shell)
+    if shell == "bash":  # photos are completed where shtab knows only commands
+        script += "\ncomplete -o default -o filenames -F _shtab_gauss2svg gauss2svg"
+    return script
 
 
 def _completed(part: Parser) -> Parser:

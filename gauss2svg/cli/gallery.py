@@ -14,9 +14,6 @@ from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.options import Field, OptionGroup, file_path
 from gauss2svg.processes import command_line
 
-USAGE = "PHOTOS -o OUT [OPTIONS]"
-_COUNT = Field("each of --counts", int, 0, MOST_GAUSSIANS, advice="500,2000")
-
 
 @dataclass(frozen=True, kw_only=True)
 class GalleryCommand(OptionGroup):
@@ -61,15 +58,16 @@ SECTIONS = {"Parameters": GalleryCommand, "Gallery": GalleryOptions}
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    from gauss2svg.compare.pages.build import build_gallery
-    from gauss2svg.compare.peers import photos_and_peers
-    from gauss2svg.compare.variants import parse_axes
+    from gauss2svg.compare.pages import build_gallery
+    from gauss2svg.compare.variants import parse_axes, photos_and_peers
     from gauss2svg.measure import packages_missing
 
     command = GalleryCommand.of(given)
     check_folder(command.output)
     paths, made = photos_and_peers(command.photos, command.from_, "gallery")
-    counts, output = command.counts, command.output
+    output = command.output
+    count = Field("each of --counts", int, 0, MOST_GAUSSIANS, advice="500,2000")
+    counts = None if command.counts is None else [*map(count.parsed, words(command.counts))]
     variants = "" if made and command.variants is None else command.variants
     for source in command.photos:
         if output.resolve().is_relative_to(Path(source).resolve()):
@@ -80,7 +78,7 @@ def run(given: dict[str, Any]) -> int:
             paths,
             output,
             variants=None if variants is None else words(variants),
-            counts=None if counts is None else [_COUNT.parsed(word) for word in words(counts)],
+            counts=counts,
             peers=[*made, *words(command.peers)],
             axes=parse_axes(command.axis),
             options=GalleryOptions.of(given),

@@ -9,7 +9,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, get_args
 
@@ -29,23 +29,21 @@ from gauss2svg.options import Renderer, flag_of
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.version import __version__
 
-STATUS_BAD_INPUT = 2
-
-# Number of characters after which --version breaks a line. Few terminals are narrower.
-_WIDTH = 79
-# --version prints the versions of these packages, and also those of the renderers.
-_PACKAGES = (
-    "numpy", "scipy", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
-    "ssimulacra2", "flip-evaluator",
-)  # fmt: skip
-_HELP_ALL = "--help-all"
+# {command: (what it does, arguments that its help shows)}
+_OF_PHOTOS = "PHOTOS -o OUT [OPTIONS]"
 COMMANDS = {
-    "batch": "Vectorise many photos, on one machine or a cluster.",
-    "bench": "Compare settings and other tools in tables and plots.",
-    "check": "Measure how closely any SVG matches a photo.",
-    "gallery": "Write web pages that compare results for photos.",
-    "placeholder": "Write SVGs of about a kilobyte to show while photos load.",
-    "studio": "Vectorise photos in the browser, on this machine.",
+    "batch": ("Vectorise many photos, on one machine or a cluster.", _OF_PHOTOS),
+    "bench": ("Compare settings and other tools in tables and plots.", _OF_PHOTOS),
+    "check": (
+        "Measure how closely any SVG matches a photo.",
+        "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]",
+    ),
+    "gallery": ("Write web pages that compare results for photos.", _OF_PHOTOS),
+    "placeholder": (
+        "Write SVGs of about a kilobyte to show while photos load.",
+        "PHOTOS [-o OUT] [OPTIONS]",
+    ),
+    "studio": ("Vectorise photos in the browser, on this machine.", "[FOLDER] [OPTIONS]"),
 }
 
 
@@ -62,37 +60,22 @@ def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
         raise refusal(words[0], "a photo or a command", "neither", f"gauss2svg {close}")
     # The modules of commands are imported only when they run.
     module = import_module(f"gauss2svg.cli.{name or 'vectorize'}")
-    parser = Parser(
-        name,
-        module.USAGE,
-        COMMANDS[name] if name else module.ABOUT,
-        has_help=not {"--help", "-h", _HELP_ALL}.isdisjoint(words),
-    )
+    text, usage = COMMANDS[name] if name else (module.ABOUT, module.USAGE)
+    has_help = not {"--help", "-h", "--help-all"}.isdisjoint(words)
+    parser = Parser(name, usage, text, has_help)
     for title, group in module.SECTIONS.items():
-        shown = bool(name) or _HELP_ALL in words or title in module.COMMON
+        shown = bool(name) or "--help-all" in words or title in module.COMMON
         parser.add_group(title, group, shown)
     if not name:
-        lines = "\n".join(f"{command:13}{line}" for command, line in COMMANDS.items())
+        lines = "\n".join(f"{command:13}{line}" for command, (line, _) in COMMANDS.items())
         parser.add_argument_group("Commands, each with its own --help", lines)
     about = parser.add_argument_group("About")
     about.add_argument("-h", "--help", action="store_true", help="Show this help.")
     if not name:
-        about.add_argument(_HELP_ALL, action="store_true", help="List all options.")
+        about.add_argument("--help-all", action="store_true", help="List all options.")
         text = "Show the versions of gauss2svg and of what it uses."
         about.add_argument("--version", action="store_true", help=text)
     return module, parser, list(words[bool(name) :])
-
-
-def _run(words: Sequence[str]) -> int:
-    module, parser, rest = command_of(words)
-    if parser.has_help:
-        print(parser.format_help(), end="")
-        return 0
-    given = parser.read(rest)
-    if given.pop("version", False):
-        print(_versions())
-        return 0
-    return module.run(given)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -116,7 +99,15 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     try:
         with handling():
-            return _run(words or ["--help"])
+            module, parser, rest = command_of(words or ["--help"])
+            if parser.has_help:
+                print(parser.format_help(), end="")
+                return 0
+            given = parser.read(rest)
+            if given.pop("version", False):
+                print(_versions())
+                return 0
+            return module.run(given)
     except Gauss2SvgError as error:
         return _refuse(_with_dashes(str(error), words))
     except MemoryError as error:
@@ -155,41 +146,31 @@ def _versions() -> str:
     import textwrap
     from importlib.metadata import distributions
 
-    renderers = (_or_reason(name, _renderer) for name in get_args(Renderer))
+    from gauss2svg.compare.records import machine
+    from gauss2svg.raster import renderer_version
+
+    def version_or_reason(renderer: str) -> str:
+        try:
+            return renderer_version(renderer)
+        except Exception as error:  # a package that is missing or broken may raise any exception
+            # The advice in the error message is left out.
+            return f"{renderer}: {re.split(r'; got |[.] Try ', str(error))[0]}"
+
     installed = {dist.name.lower().replace("_", "-"): dist.version for dist in distributions()}
-    packages = (f"{name} {installed[name]}" for name in _PACKAGES if name in installed)
+    names = (
+        "numpy", "scipy", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
+        "ssimulacra2", "flip-evaluator",
+    )  # fmt: skip
+    packages = (f"{name} {installed[name]}" for name in names if name in installed)
+    about = machine()
     lines = [
         f"gauss2svg {__version__}",
         f"system: {platform.platform()}, Python {platform.python_version()}",
-        _or_reason("CPU", _machine),
-        f"renderers: {', '.join(renderers)}",
+        f"CPU: {about['cpu']}, {about['cores']} cores",
+        f"renderers: {', '.join(map(version_or_reason, get_args(Renderer)))}",
         f"packages: {', '.join(packages)}",
     ]
-    return "\n".join(textwrap.fill(line, _WIDTH, subsequent_indent="  ") for line in lines)
-
-
-def _or_reason(name: str, describe: Callable[[str], str]) -> str:
-    """Return describe(name). If it raises an error, return the name and the reason of the error.
-
-    The advice in the error message is left out.
-    """
-    try:
-        return describe(name)
-    except Exception as error:  # a package that is missing or broken may raise any exception
-        return f"{name}: {re.split(r'; got |[.] Try ', str(error))[0]}"
-
-
-def _machine(name: str) -> str:
-    from gauss2svg.compare.records import machine
-
-    about = machine()
-    return f"{name}: {about['cpu']}, {about['cores']} cores"
-
-
-def _renderer(name: str) -> str:
-    from gauss2svg.raster import renderer_version
-
-    return renderer_version(name)
+    return "\n".join(textwrap.fill(line, 79, subsequent_indent="  ") for line in lines)
 
 
 def _with_dashes(line: str, words: Sequence[str]) -> str:
@@ -210,4 +191,4 @@ def _with_dashes(line: str, words: Sequence[str]) -> str:
 
 def _refuse(message: str) -> int:
     say(" ".join(message.split()))
-    return STATUS_BAD_INPUT
+    return 2

@@ -18,12 +18,6 @@ from gauss2svg.pipeline.options import GROUPS, Options
 
 STATUS_SOME_FAILED = 1  # exit status of a command if some photos or runs failed
 _FILES = ("photos", "photo", "svg", "folder")  # fields that are files without an option before them
-_MOST_COLUMNS = 100  # longer lines of a help are hard to read
-_TEXT_COLUMN = 28  # column at which the texts of a help begin
-# Words that stand for the values of an option in the help.
-_KINDS = {int: "INT", float: "FLOAT"}
-_NOT_SHOWN = ("", "True", "False", STANDARD_STREAM)
-_CHECKED = {file_path: "PATH", byte_size: "SIZE"}
 
 # What options of other tools are here. Advice that begins with an option is only for the commands
 # that have this option.
@@ -57,11 +51,11 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, command: str, usage: str, about: str, has_help: bool) -> None:
         name = f"gauss2svg {command}".rstrip()
-        width = min(shutil.get_terminal_size().columns, _MOST_COLUMNS)
+        width = min(shutil.get_terminal_size().columns, 100)  # longer lines are hard to read
         super().__init__(
             prog=name, usage=f"{name} {usage}", description=about,
             formatter_class=partial(
-                argparse.RawDescriptionHelpFormatter, max_help_position=_TEXT_COLUMN, width=width
+                argparse.RawDescriptionHelpFormatter, max_help_position=28, width=width
             ),
             argument_default=argparse.SUPPRESS,  # only what was given is among the values
             add_help=False, allow_abbrev=False, exit_on_error=False,
@@ -80,7 +74,8 @@ class Parser(argparse.ArgumentParser):
         texts = texts_of(group) if self.has_help and shown else {}
         for field in fields_of(group):
             text = _help(field, texts[field.name]) if texts else argparse.SUPPRESS
-            section.add_argument(*_names(field), help=text, **_properties(field))
+            names, properties = _argument(field)
+            section.add_argument(*names, help=text, **properties)
 
     def read(self, words: list[str]) -> dict[str, Any]:
         """Return the words of the command line by the names of fields.
@@ -92,7 +87,9 @@ class Parser(argparse.ArgumentParser):
         cut = words.index("--") if "--" in words else len(words)
         dashed = {word for word in words[cut + 1 :] if word.startswith("-")} - {STANDARD_STREAM}
         files = [f"./{word}" if word in dashed else word for word in words[cut + 1 :]]
-        options = [_with_dashes(word) for word in words[:cut]]
+        # --max_bytes=1k is read as --max-bytes=1k.
+        dashes = partial(re.sub, "^--[^=]*", lambda match: match[0].replace("_", "-"))
+        options = [dashes(word) for word in words[:cut]]
         try:
             known, unknown = self.parse_known_intermixed_args([*options, *files])
         except argparse.ArgumentError as error:
@@ -163,34 +160,22 @@ def run_options(given: dict[str, Any]) -> Options:
     return Options(**groups)
 
 
-def _with_dashes(word: str) -> str:
-    """Return --max-bytes=1k for --max_bytes=1k, and a word that is no option unchanged."""
-    name, equals, value = word.partition("=")
-    return name.replace("_", "-") + equals + value if name.startswith("--") else word
-
-
 def words(text: str) -> list[str]:
     """Return the items of a text that are separated by commas, without empty items."""
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def _names(field: Field) -> list[str]:
-    """Return the names of an argument for argparse."""
-    if field.name in _FILES:
-        return [field.name]
-    return ["-o"] * (field.name == "output") + [flag_of(field.name)]
-
-
-def _properties(field: Field) -> dict[str, Any]:
-    """Return the properties of an argument for argparse."""
+def _argument(field: Field) -> tuple[list[str], dict[str, Any]]:
+    """Return the names and the properties of an argument for argparse."""
     if field.name in _FILES:
         several = field.name == "photos" or field.default == ()
-        return {"nargs": "*" if several else "?", "metavar": field.name.upper()}
+        return [field.name], {"nargs": "*" if several else "?", "metavar": field.name.upper()}
+    names = ["-o"] * (field.name == "output") + [flag_of(field.name)]
     if field.kind is bool:
         on_by_default = argparse.BooleanOptionalAction
-        return {"action": on_by_default if field.default is True else "store_true"}
+        return names, {"action": on_by_default if field.default is True else "store_true"}
     action = "append" if field.default == () else "store"
-    return {"action": action, "metavar": _metavar(field), "dest": field.name}
+    return names, {"action": action, "metavar": _metavar(field), "dest": field.name}
 
 
 def _metavar(field: Field) -> str:
@@ -198,14 +183,16 @@ def _metavar(field: Field) -> str:
     if field.name == "output":
         return "OUT"
     if field.kind is None:
-        return "CHOICE" if field.words else _CHECKED.get(field.check, "TEXT")
-    return "|".join([_KINDS[field.kind], *map(str, field.words)])
+        checked = {file_path: "PATH", byte_size: "SIZE"}
+        return "CHOICE" if field.words else checked.get(field.check, "TEXT")
+    return "|".join([field.kind.__name__.upper(), *map(str, field.words)])
 
 
 def _help(field: Field, text: str) -> str:
     """Return the text of an option for the help, with its choices and its default."""
     if field.kind is None and field.words:
         text += f" [{', '.join(map(str, field.words))}]"
-    if isinstance(field.default, (int, float, str)) and str(field.default) not in _NOT_SHOWN:
+    is_flag = field.kind is bool or field.default in ("", STANDARD_STREAM)
+    if isinstance(field.default, (int, float, str)) and not is_flag:
         text += f" [default: {field.default}]"
     return text.replace("%", "%%")

@@ -11,8 +11,6 @@ from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically, write_output
 from gauss2svg.options import OptionGroup
 
-USAGE = "PHOTOS [-o OUT] [OPTIONS]"
-
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceholderCommand(OptionGroup):
@@ -49,8 +47,10 @@ def run(given: dict[str, Any]) -> int:
         _write_so_far(entries, output)
         raise
     kept = entries.kept if entries.count else 0
-    if entries.count:
-        _write(entries, output)
+    if entries.count and output == STANDARD_STREAM:
+        write_output(entries.files()[output])
+    elif entries.count:
+        write_all_atomically(entries.files())
     if entries.copies:
         say(f"{entries.copies} of {len(paths)} photos were given more than once")
     for photo, placeholder in entries.new.items():
@@ -70,14 +70,6 @@ def run(given: dict[str, Any]) -> int:
     return STATUS_SOME_FAILED if entries.failures else 0
 
 
-def _write(entries: PlaceholderList, output: str) -> None:
-    files = entries.files()
-    if output == STANDARD_STREAM:
-        write_output(files[output])
-    else:
-        write_all_atomically(files)
-
-
 def _write_so_far(entries: PlaceholderList, output: str) -> None:
     """Print the failures, and write the finished placeholders, because the run was interrupted.
 
@@ -87,7 +79,7 @@ def _write_so_far(entries: PlaceholderList, output: str) -> None:
         say(line)
     if entries.new and output != STANDARD_STREAM:
         try:
-            _write(entries, output)
+            write_all_atomically(entries.files())
             share = f"{len(entries.new)} of {len(entries.photos)} placeholders"
             say(f"wrote what was made so far: {share}")
         except Gauss2SvgError as error:

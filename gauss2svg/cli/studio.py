@@ -9,8 +9,6 @@ from gauss2svg.cli.terminal import say
 from gauss2svg.errors import InputError
 from gauss2svg.options import Interval, OptionGroup, file_path
 
-USAGE = "[FOLDER] [OPTIONS]"
-
 
 @dataclass(frozen=True, kw_only=True)
 class StudioOptions(OptionGroup):

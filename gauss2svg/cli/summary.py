@@ -35,14 +35,7 @@ _NOTHING_TO_GAIN = {
     "enough": "more would make no visible difference",
     "cap": "as many as the picture has room for",
 }
-_SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
-_SCALE_OF_INKS = " (few inks are far in dB: judge by eye)"
-# The summary says why a file is clearly smaller than its limit. If the file has fewer shapes than
-# this, the reason is that one more shape would not fit, because each shape takes up a large part of
-# the file.
-_FEW = 60
 _SEEN_HUE = 10  # local error of hue from which one sees it at once (docs/decisions/metrics.md)
-_MOST_TAGS = 6  # print_check lists at most this many tags, namely the most frequent ones
 
 
 def print_summary(report: dict[str, Any], output: str) -> None:
@@ -50,10 +43,13 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     r = report
     measured = r["measured_width"], r["measured_height"]
     at = "" if measured == (r["width"], r["height"]) else f", at {measured[0]}x{measured[1]} px"
+    scale = "30 is soft, 35 good, 40 hard to tell apart"
+    if r["inks"] is not None:
+        scale = "few inks are far in dB: judge by eye"
     rows = {
         "file": f"{output}, {r['width']}x{r['height']} px{_shown_width(r)}, {_size(r)}",
         "shapes": f"{_shapes(r)}: {_stop_text(r)}",
-        "match": f"{_match(r, _SCALE if r['inks'] is None else _SCALE_OF_INKS)}{_hue(r)}{at}",
+        "match": f"{_match(r, f' ({scale})')}{_hue(r)}{at}",
         "focus": _focus(r),
         "transparency": _transparency(r),
         "inks": _inks(r),
@@ -74,11 +70,12 @@ def print_check(report: dict[str, Any], svg: str) -> None:
     """Print what elements an SVG has, how large it is, and how closely it matches the photo."""
     r = report
     tags = [f"{count:,} {tag.rpartition('}')[2]}" for tag, count in r["elements_by_tag"].items()]
-    others = f", {len(tags) - _MOST_TAGS} other tags" if len(tags) > _MOST_TAGS else ""
+    most = 6  # tags that are listed, namely the most frequent ones
+    others = f", {len(tags) - most} other tags" if len(tags) > most else ""
     rows = {
         "file": f"{svg}, {r['svg_width']:g}x{r['svg_height']:g} px",
         "size": _size(r),
-        "elements": f"{r['elements']:,}: {', '.join(tags[:_MOST_TAGS])}{others}",
+        "elements": f"{r['elements']:,}: {', '.join(tags[:most])}{others}",
         "match": f"{_match(r)}, MS-SSIM {_ssim(r['ms_ssim_svg'], 176)}, "
         f"at {r['width']}x{r['height']} px by {r['renderer']}",
         "enlarged": _enlarged(r),
@@ -98,7 +95,7 @@ def check_table(records: Sequence[dict[str, Any]]) -> str:
     """
     done = [record for record in records if "error" not in record]
     sizes = {"bytes": "svg_bytes", "gzipped": "svgz_bytes", "elements": "elements"}
-    scores = [score for score in SCORES if any(r[score.key] is not None for r in done)]
+    scores = [score for score in SCORES if any(score.can_show(r[score.key]) for r in done)]
     heads = ["SVG", *sizes, *(f"{score.name} {score.unit}".strip() for score in scores)]
     rows = [heads]
     for r in records:
@@ -173,7 +170,9 @@ def _stop_text(report: dict[str, Any]) -> str:
     if reason == "max_bytes" and report["gaussians"]:
         gzipped = report["gzip"] or report["count_gzipped"]
         has_space = report["svgz_bytes" if gzipped else "svg_bytes"] < 0.97 * limit
-        why = "one more would not fit" if report["gaussians"] < _FEW else "more would not be closer"
+        # Each of a few shapes takes up a large part of the file.
+        is_few = report["gaussians"] < 60
+        why = "one more would not fit" if is_few else "more would not be closer"
         return f"limited by {limit:,} {'gzipped ' * gzipped}bytes{f'; {why}' * has_space}"
     has_areas = reason == "gain" and report["area_share"]  # they have a price of bytes
     without_preset = _NOTHING_TO_GAIN if has_areas or report["quality"] is None else {}

@@ -24,10 +24,6 @@ from typing import Any
 from gauss2svg import processes
 from gauss2svg.errors import on_one_line
 
-_QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
-_ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
-
-
 SIGNALS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)  # signals that end a command
 if sys.platform == "win32":
     # Windows sends SIGBREAK after Ctrl-Break and when a console is closed. The command handles it
@@ -69,15 +65,15 @@ class Interruption:
             _quit_before_fit(number)
         if not is_first or not self._has_fitted:
             raise_for(number)
-        _write_line(_ENDING)
+        _write_line("writing the best result so far; interrupt again to quit at once")
 
 
-def _write_line(line: bytes) -> None:
+def _write_line(line: str) -> None:
     # This does not call print(), because the signal may have interrupted a call of print(), and
     # print() fails if it is called inside itself.
     with suppress(OSError):
         # In a terminal, the cursor may be in the line of a progress bar.
-        os.write(2, b"\n" * os.isatty(2) + line)
+        os.write(2, b"\n" * os.isatty(2) + f"gauss2svg: {line}\n".encode())
 
 
 def status_of(number: int) -> int:
@@ -100,7 +96,7 @@ def exit_for(number: int, _frame: FrameType | None = None) -> None:
     The handler does not raise an exception, because a callback of a C library could lose it, or it
     could leave a module half imported.
     """
-    _write_line(_QUITTING)
+    _write_line("interrupted; every file is whole or untouched")
     os._exit(status_of(number))
 
 
@@ -166,11 +162,6 @@ def _set_handlers(handlers: Mapping[int, Any]) -> dict[int, Any]:
     return before
 
 
-# Seconds between two lines of progress in a log. With this pause, a run of one night writes
-# only hundreds of lines.
-_LINE_S = 60.0
-
-
 def say(line: str) -> None:
     """Print a message of the program on standard error, as one line."""
     print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)
@@ -216,20 +207,17 @@ def drop_output() -> None:
 
 
 @contextmanager
-def counting_bar(
-    quiet: bool, clock: Callable[[], float] = time.monotonic
-) -> Iterator[Callable[[str, int, int], None]]:
+def counting_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
     """Show a progress bar on standard error, and yield a function that moves the bar.
 
     The function is update(current step, finished steps, total steps). If standard error is not a
     terminal, there is no bar, and `update` prints a line every minute instead.
 
     quiet  whether to show nothing
-    clock  function that returns the time in seconds
     """
     from gauss2svg.pipeline.progress_display import terminal_bar
 
-    last_line_at = clock()
+    last_line_at = time.monotonic()
     with nullcontext() if quiet else terminal_bar("reading the photos") as show:
 
         def update(now: str, done: int, total: int) -> None:
@@ -237,8 +225,9 @@ def counting_bar(
             line = f"{done:,} of {total:,}: {now}"
             if show is not None:
                 show(line, done / max(total, 1))
-            elif not quiet and clock() - last_line_at >= _LINE_S:
-                last_line_at = clock()
+            elif not quiet and time.monotonic() - last_line_at >= 60:
+                # A run of one night writes only hundreds of lines.
+                last_line_at = time.monotonic()
                 say(line)
 
         yield update

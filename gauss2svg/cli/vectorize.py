@@ -11,12 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from gauss2svg import files, processes
 from gauss2svg.cli.parser import run_options
-from gauss2svg.cli.terminal import (
-    Interruption,
-    handling,
-    say,
-    status_of,
-)
+from gauss2svg.cli.terminal import Interruption, handling, say, status_of
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
@@ -31,14 +26,12 @@ if TYPE_CHECKING:
 
 _PROGRAM_START_S = time.perf_counter()  # --time-limit counts the time from here
 
-_EXAMPLES = (
-    "gauss2svg photo.jpg -o out.svg                       # adapts to the picture",
-    "gauss2svg photo.jpg -o out.svg --max-bytes 150k      # the best file of 150 kB",
-    "gauss2svg photo.jpg --max-bytes 60k --count-gzipped  # the best of 60 kB gzipped",
-)
 USAGE = "PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all options)"
-_ABOUT = "Turn a picture into an SVG of soft shapes, and measure how closely it matches."
-ABOUT = "\n".join((_ABOUT, "", *_EXAMPLES))
+ABOUT = """Turn a picture into an SVG of soft shapes, and measure how closely it matches.
+
+gauss2svg photo.jpg -o out.svg                       # adapts to the picture
+gauss2svg photo.jpg -o out.svg --max-bytes 150k      # the best file of 150 kB
+gauss2svg photo.jpg --max-bytes 60k --count-gzipped  # the best of 60 kB gzipped"""
 # {option that names an output file: endings that this file may have}
 _ENDINGS = {"preview": (".png",), "report": (".json",), "save_scene": (".npz",)}
 _ENDINGS |= dict.fromkeys(("outline", "separations", "plot"), SVG_ENDINGS)

@@ -80,9 +80,6 @@ COSTS = (
     Cost("svg_bytes", "bytes", "size of the SVG"),
     Cost("total_s", "seconds", "time, photo to measured SVG"),
 )
-# Smallest cost that a chart can show, because a logarithmic axis has no 0. A smaller cost is drawn
-# at the position of this one. It may be 0 s on a machine whose clock has coarse steps.
-_LEAST_COST = 1e-4
 _MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
 # A cost axis that spans more decades than this has ticks only at powers of ten.
 _MOST_DECADES = 2.5
@@ -115,7 +112,8 @@ def scatter(
     if not points:
         return None
     scores = [point["score"] for point in points]
-    costs = [max(point["cost"], _LEAST_COST) for point in points]
+    # A logarithmic axis has no 0, but a cost may be 0 s on a machine whose clock has coarse steps.
+    costs = [max(point["cost"], 1e-4) for point in points]
     low, high = min(costs) / _MARGIN, max(costs) * _MARGIN
     finite = [axis.sign * score for score in scores if score is not None] or [0.0]
     some_equal = None in scores
@@ -156,9 +154,10 @@ def template_environment(*packages: str) -> Environment:
     It has the templates of gauss2svg.compare and of the given packages.
     """
     loader = ChoiceLoader([PackageLoader(name) for name in ("gauss2svg.compare", *packages)])
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    environment.trim_blocks = environment.lstrip_blocks = True
-    environment.keep_trailing_newline = True
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
     environment.filters |= {"whole": whole, "size": size, "seconds": seconds}
     return environment
 

@@ -21,8 +21,8 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gauss2svg.batch.listing import ListedPhoto
-from gauss2svg.batch.table import as_cell
+from gauss2svg.batch.inputs import ListedPhoto
+from gauss2svg.batch.many import as_cell
 from gauss2svg.compare.records import Row, machine, record_or_error
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError

@@ -1,7 +1,12 @@
-"""Records of runs: errors, costs and the machine. This module imports no large package."""
+"""Records of runs: their numbers, errors and costs, the machine, and other tools.
+
+Another tool is a peer. A process that runs a peer imports this module and the package of the peer,
+but no large package, so that the memory of the process is that of the peer.
+"""
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import platform
@@ -9,15 +14,28 @@ import re
 import sys
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import psutil
 
 from gauss2svg.errors import OutputError, error_line
+from gauss2svg.measure import SCORES
 
 Row = dict[str, Any]
 TOOL = "gauss2svg"  # value of "tool" in the records of gauss2svg itself
+# {key of a report: what it counts}
+COUNTS = {
+    "area_count": "Areas", "line_count": "Lines", "node_count": "Nodes", "gaussians": "Gaussians",
+}  # fmt: skip
+COSTS = ("total_s", "cpu_s", "other_cpu_s", "peak_bytes")  # keys of start_watch
+# Keys that a record of the benchmark has of any file.
+FILE_KEYS = (
+    *COSTS, "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
+    "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
+)  # fmt: skip
 
 
 def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:
@@ -107,3 +125,84 @@ def _from_proc(file: str, name: str) -> str:
         return ""
     values = re.findall(rf"^{name}[\t ]*:[\t ]*(.*?)[\t ]*$", text, re.MULTILINE)
     return values[0] if values else ""
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+class Peer(NamedTuple):
+    """A tool other than gauss2svg.
+
+    prepare   function that imports the tool, reads the PNG, and returns a second function, which
+              writes the file. Only the time of the second function is measured.
+    suffix    suffix of the file
+    settings  each item has keyword arguments of `prepare`. By default the benchmark runs the tool
+              with every item, and a gallery runs it with the first.
+    version   function that returns the installed version, or None if the tool is not installed
+    """
+
+    prepare: Callable[..., Callable[[], object]]
+    suffix: str
+    settings: tuple[dict[str, Any], ...]
+    version: Callable[[], str | None] = partial(_version, "Pillow")
+
+
+def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Callable[[], object]:
+    import vtracer  # pyright: ignore[reportMissingImports]
+
+    paths = str(png), str(output)
+    return lambda: vtracer.convert_image_to_svg_py(*paths, **_VTRACER[style] | changes)
+
+
+_VTRACER: dict[str, dict[str, Any]] = {
+    "default": {},
+    "polygon": {
+        "mode": "polygon", "path_precision": 0, "filter_speckle": 4, "layer_difference": 16,
+    },
+    "detailed": {"filter_speckle": 1, "color_precision": 8, "layer_difference": 4},
+}  # fmt: skip
+
+
+def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Callable[[], object]:
+    from PIL import Image
+
+    with Image.open(png) as image:
+        pixels = image.convert("RGB")
+    # The first save loads the codec, which must not be part of the measured time.
+    pixels.save(io.BytesIO(), format_name, quality=quality)
+    return lambda: pixels.save(output, format_name, quality=quality)
+
+
+def _avif_version() -> str | None:
+    """Return the version of the AVIF codec, or None if Pillow was built without it."""
+    from PIL import features
+
+    return features.version("avif")
+
+
+_QUALITIES = tuple({"quality": quality} for quality in (10, 30, 60, 90))
+_STYLES = tuple({"style": style} for style in _VTRACER)
+PEERS: dict[str, Peer] = {
+    "vtracer": Peer(_vtracer, ".svg", _STYLES, partial(_version, "vtracer")),
+    "jpeg": Peer(partial(_pillow, "JPEG"), ".jpg", _QUALITIES),
+    "webp": Peer(partial(_pillow, "WEBP"), ".webp", _QUALITIES),
+    "avif": Peer(partial(_pillow, "AVIF"), ".avif", _QUALITIES, _avif_version),
+}
+
+
+def convert_by(tool: str, settings: dict[str, Any], png: Path, output: Path) -> dict[str, Any]:
+    """Write the file of a peer, and return its cost.
+
+    Call this in a process of its own, because it silences standard output and standard error.
+    """
+    null = os.open(os.devnull, os.O_RDWR)
+    for stream in (1, 2):
+        os.dup2(null, stream)
+    convert = PEERS[tool].prepare(png, output, **settings)
+    cost = start_watch()
+    convert()
+    return cost()

@@ -20,12 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.compare.peers import BATCH, PEERS, convert_by
-from gauss2svg.compare.records import TOOL, record_or_error, start_watch
+from gauss2svg.compare.records import (
+    COSTS,
+    COUNTS,
+    FILE_KEYS,
+    PEERS,
+    TOOL,
+    convert_by,
+    record_or_error,
+    start_watch,
+)
 from gauss2svg.compare.variants import AXES, apply_constants, options_in
 from gauss2svg.errors import PeerError, RendererError
-from gauss2svg.files import as_json, as_png, make_folder, saved, write_all_atomically
-from gauss2svg.measure import SCORES, packages_missing
+from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
+from gauss2svg.measure import packages_missing
 from gauss2svg.measure.check import check, enlarged
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.perceptual import perceptual_scores
@@ -40,30 +48,14 @@ from gauss2svg.svg import NAMESPACE
 from gauss2svg.svg.file import MOST_BYTES, file_bytes, is_own, read_source
 
 Request = Mapping[str, Any]
-# {key of a report: what it counts}
-COUNTS = {
-    "area_count": "Areas", "line_count": "Lines", "node_count": "Nodes", "gaussians": "Gaussians",
-}  # fmt: skip
-# Keys that a record of the benchmark takes from a report: _FILE_KEYS for all tools, and _FIT_KEYS
-# only for gauss2svg.
+# Keys that a record of the benchmark has of a report of gauss2svg, besides those of all files.
 _FIT_KEYS = (
     "fit_width", "fit_height", *COUNTS, "iterations", "rounds", "stop_reason", "threads",
     "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
 )  # fmt: skip
-_FILE_KEYS = (
-    "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
-    "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
-)  # fmt: skip
-_COSTS = ("total_s", "cpu_s", "other_cpu_s", "peak_bytes")  # items of records.start_watch
-_SVGS = (".svg", ".svgz")
-# Names of the files of a gallery.
-PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
-PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
-OUTLINES, ERRORS = "outlines.svg", "errors.png"
 # Side (px) of a crop. Pages show crops enlarged 3 times, and five of them fit side by side on the
 # screen of a laptop.
 SIDE = 74
-_THUMBNAIL_PX = 320  # longest side (px) of a thumbnail
 
 
 class Run(NamedTuple):
@@ -93,7 +85,7 @@ def run(request: Request) -> Run:
     request  has the keys source (path of the photo), tool, settings, options (further options of
              `vectorize`, among them max_pixels) and peer_timeout (s). If the photo has a reference,
              the request also has the key reference (path and scale of the reference). If another
-             method has made the file, it has the keys file (path) and numbers of peers.entries_of.
+             method has made the file, it has the keys file (path) and numbers, as of `entries_of`.
     Raise Gauss2SvgError if no file is made, or if the file cannot be measured.
     """
     return _by_gauss2svg(request) if request["tool"] == TOOL else _by_peer(request)
@@ -112,17 +104,14 @@ def measure_alone(request: Request) -> dict[str, Any]:
 def measure_run(request: Request) -> dict[str, Any]:
     """Return the benchmark's record of a run that is made in this process."""
     is_own = request["tool"] == TOOL
-    names = _FILE_KEYS + (_FIT_KEYS if is_own else tuple(COUNTS))
+    names = FILE_KEYS + (_FIT_KEYS if is_own else tuple(COUNTS))
     if request.get("file") == "":
-        numbers = dict.fromkeys((*_COSTS, *names)) | request["numbers"]
-        return {"used": request["settings"], **{n: numbers[n] for n in (*_COSTS, *names)}}
-    finished = run(request)
-    used = {name: finished.report[name] for name in AXES if is_own and name in finished.report}
-    return {
-        "used": request["settings"] | used,
-        **finished.cost,
-        **{name: finished.report.get(name) for name in names},
-    }
+        report, used = request["numbers"], {}
+    else:
+        finished = run(request)
+        report = finished.report | finished.cost
+        used = {name: report[name] for name in AXES if is_own and name in report}
+    return {"used": request["settings"] | used, **{name: report.get(name) for name in names}}
 
 
 def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: float = 0.0) -> Any:
@@ -166,13 +155,14 @@ def _by_peer(request: Request) -> Run:
     else:
         data, cost = _converted(photo, tool, settings, request["peer_timeout"])
         suffix = PEERS[tool].suffix
-    columns, cost = {"tool": tool, "settings": settings} | cost, {n: cost.get(n) for n in _COSTS}
-    if suffix not in _SVGS:
+    columns = {"tool": tool, "settings": settings, **cost}
+    cost = {name: cost.get(name) for name in COSTS}
+    if suffix not in SVG_ENDINGS:
         report, raster = _measured_image(data, photo)
         return Run(_as_svg(data, photo), columns | report, raster, photo, cost)
     source, scale = request.get("reference") or (None, None)
     # A process for each of the many files of a batch would take longer than to fit a small photo.
-    is_ours = tool == BATCH and is_own(request["file"])
+    is_ours = tool == "batch" and is_own(request["file"])
     svg = SimpleNamespace(svg=data.decode()) if is_ours else data
     result = check(photo, svg, reference=source, reference_scale=scale)
     return Run(data, columns | result.report, result.raster, photo, cost)
@@ -184,7 +174,8 @@ def _data_of(file: str | None, label: str) -> tuple[bytes, str]:
         raise PeerError(f"{label} must have a file or a row for each photo; got none for this one")
     path = Path(file)
     suffix = path.suffix.lower()
-    return read_source(path, MOST_BYTES)[0] if suffix in _SVGS else path.read_bytes(), suffix
+    is_svg = suffix in SVG_ENDINGS
+    return read_source(path, MOST_BYTES)[0] if is_svg else path.read_bytes(), suffix
 
 
 def _converted(
@@ -239,7 +230,7 @@ def make_photo(request: Request) -> dict[str, Any]:
     photo = load_image(request["source"], max_pixels=most, needed=needed)
     pixels = pixels_of(photo)
     webp = _encoded(_eight_bits(pixels), "WEBP", lossless=True, exact=True)
-    _write(request["folder"], {PHOTO: webp, THUMBNAIL: _thumbnail(pixels)})
+    _write(request["folder"], {"photo.webp": webp, "thumbnail.png": _thumbnail(pixels)})
     return {"width": photo.width, "height": photo.height, "notes": list(photo.notes)}
 
 
@@ -259,14 +250,14 @@ def make_svg(request: Request) -> dict[str, Any]:
     finished = run(request)
     raster, photo = over(finished.raster), over(finished.photo)
     files = {
-        PICTURE: finished.data,
-        REPORT: as_json(finished.report),
-        THUMBNAIL: _thumbnail(finished.raster),
-        ERRORS: _encoded(error_map(raster, photo), "PNG", optimize=True),
+        "picture.svg": finished.data,
+        "report.json": as_json(finished.report),
+        "thumbnail.png": _thumbnail(finished.raster),
+        "errors.png": _encoded(error_map(raster, photo), "PNG", optimize=True),
     }
     if finished.result is not None:
-        files[SCENE] = saved(finished.result.scene.save)
-        files[OUTLINES] = outlines_with_nodes(finished.result)
+        files["scene.npz"] = saved(finished.result.scene.save)
+        files["outlines.svg"] = outlines_with_nodes(finished.result)
     _write(request["folder"], files)
     return {
         "report": finished.report,
@@ -276,23 +267,22 @@ def make_svg(request: Request) -> dict[str, Any]:
     }
 
 
-# Outlines of areas and lines are one px of the screen wide at any zoom, with a dot on each node.
-_NODES = (
-    "<style>path{{vector-effect:non-scaling-stroke;stroke-linecap:round}}"
-    "[id|=area]{{stroke:#d0f;stroke-width:1px}}</style>"
-    '<defs><path id="nodes" d="{}"/></defs><use href="#nodes" stroke="#d0f" stroke-width="6"/>'
-    '<use href="#nodes" stroke="#fff" stroke-width="4"/></svg>'
-)
-
-
 def outlines_with_nodes(result: Result) -> bytes:
     """Return outlines that pages lay over a picture, as SVG. Those of areas and lines have nodes.
 
+    Outlines of areas and lines are one px of the screen wide at any zoom, with a dot on each node.
     Raise InputError for an additive picture, which has no outlines.
     """
     outlines = (outline for area in result.scene.areas for outline in area.outlines)
     dots = "".join(f"M{x:.2f} {y:.2f}h0" for outline in outlines for x, y in outline.nodes)
-    return (result.outline().rpartition("</svg>")[0] + _NODES.format(dots)).encode()
+    nodes = (
+        "<style>path{vector-effect:non-scaling-stroke;stroke-linecap:round}"
+        "[id|=area]{stroke:#d0f;stroke-width:1px}</style>"
+        f'<defs><path id="nodes" d="{dots}"/></defs>'
+        '<use href="#nodes" stroke="#d0f" stroke-width="6"/>'
+        '<use href="#nodes" stroke="#fff" stroke-width="4"/></svg>'
+    )
+    return (result.outline().rpartition("</svg>")[0] + nodes).encode()
 
 
 def rounds_of(svg: str) -> list[list[int]]:
@@ -341,7 +331,7 @@ def crops_of(
 
 def thumbnail_size(width: int, height: int) -> tuple[int, int]:
     """Return the width and height (px) of thumbnails of a photo with this width and height."""
-    scale = min(1.0, _THUMBNAIL_PX / max(width, height))
+    scale = min(1.0, 320 / max(width, height))
     return max(1, round(width * scale)), max(1, round(height * scale))
 
 

@@ -17,13 +17,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.batch.listing import ListedPhoto, listed_photos
+from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import BenchOptions
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
-from gauss2svg.compare.records import TOOL, Row
-from gauss2svg.compare.run import COUNTS, measure_alone
-from gauss2svg.compare.variants import Variant, peer_variants, settings_of
+from gauss2svg.compare.records import COUNTS, TOOL, Row
+from gauss2svg.compare.run import measure_alone
+from gauss2svg.compare.variants import Variant, entries_of, peer_variants, settings_of
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import PSNR, SCORES, Score
@@ -33,13 +33,6 @@ from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
-# A setting counts as being on a Pareto front if it is at most this far (dB) below the front.
-TOLERANCE = 0.1
-# The table shows these columns of the records as means over the photos.
-_MEANS = (
-    *(axis.key for axis in SCORES), "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged",
-    "psnr_model", "cpu_s", "total_s", "svg_bytes", "svgz_bytes", *COUNTS,
-)  # fmt: skip
 # {name of a Pareto front: keys of the costs that count for this front}. Each front has a column in
 # the table. For example, the column of the front "both" is below_both_dB.
 _BELOW = {"seconds": ("cpu_s",), "bytes": ("svgz_bytes",), "both": ("cpu_s", "svgz_bytes")}
@@ -65,9 +58,6 @@ _COSTS = (
     Cost("svgz_bytes", "bytes", "bytes, gzipped"),
 )
 NAMES = tuple(f"{axis.slug}_{cost.unit}.svg" for axis in SCORES for cost in _COSTS)
-# In the plots, each setting of gauss2svg is a series of its own. But the settings that are not
-# presets form one series together if there are more of them than this.
-_MOST_SERIES = 8
 
 
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
@@ -87,9 +77,13 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     """
     finished = (row for row in rows if "error" not in row)
     summary = []
+    keys = (
+        *(axis.key for axis in SCORES), "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged",
+        "psnr_model", "cpu_s", "total_s", "svg_bytes", "svgz_bytes", *COUNTS,
+    )  # fmt: skip
     for _, group in itertools.groupby(finished, operator.itemgetter("label")):
         runs = list(group)
-        values: dict[str, list[Any]] = {name: [row.get(name) for row in runs] for name in _MEANS}
+        values: dict[str, list[Any]] = {name: [row.get(name) for row in runs] for name in keys}
         names = ("label", "tool", "tool_version", "preset", "settings")
         mean = {
             **{name: runs[0][name] for name in names},
@@ -127,12 +121,11 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
 
     Each point belongs to a series. The points of a series have the same colour and shape. Each
     preset is a series, and so is each tool other than gauss2svg. Any other setting of gauss2svg is
-    a series too. But if there are more than _MOST_SERIES such other settings, they form one series
-    together.
+    a series too. But if there are more than eight of these, they form one series together.
     """
     others = [row["label"] for row in summary if row["tool"] == TOOL and not row["preset"]]
     names = {row["label"]: row["label" if row["tool"] == TOOL else "tool"] for row in summary}
-    names |= dict.fromkeys(others, "other settings") if len(others) > _MOST_SERIES else {}
+    names |= dict.fromkeys(others, "other settings") if len(others) > 8 else {}
     series = list(dict.fromkeys(names.values()))
     template = template_environment().get_template("plot.svg.jinja")
     plots = {}
@@ -164,10 +157,6 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
     return plots
 
 
-_ROWS = "rows.jsonl"
-_OUTPUTS = (_ROWS, "bench.json", "bench.csv", "summary.md", *NAMES)
-
-
 def run_bench(
     images: Sequence[str | os.PathLike[str]],
     directory: str | os.PathLike[str],
@@ -184,7 +173,7 @@ def run_bench(
     axes          the values of each option of `vectorize` that is varied. Every combination is run,
                   with the other options at their defaults. If it is None, the settings are
                   gauss2svg.compare.variants.DEFAULT_GRID. If it is empty, only peers are measured.
-    peers         other tools, by their names in gauss2svg.compare.peers.PEERS. Tools that are not
+    peers         other tools, by their names in compare.records.PEERS. Tools that are not
                   installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
                   the numbers of another method.
     options       limits of the runs, references, the seed and the number of threads
@@ -203,7 +192,7 @@ def run_bench(
     photos = listed_photos(images, "images")
     for photo in photos:
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
-    entries = {variant: variant.entries(photos) for variant in variants}
+    entries = {variant: entries_of(variant.files, photos) for variant in variants}
     sources = {} if options.references is None else _references(photos, options.references)
     versions = {"gauss2svg": __version__, "python": platform.python_version()}
 
@@ -224,8 +213,9 @@ def run_bench(
         return Task(photo, variant, parameters, tuple(dependencies), columns)
 
     plan = [task_of(photo, variant) for variant in variants for photo in photos]
-    folder = output_folder(directory, _OUTPUTS)
-    grid = Grid(folder / _ROWS, plan, progress)
+    outputs = ("rows.jsonl", "bench.json", "bench.csv", "summary.md", *NAMES)
+    folder = output_folder(directory, outputs)
+    grid = Grid(folder / "rows.jsonl", plan, progress)
     with Pool(1) as pool:
         for _ in grid.run(plan, pool, measure_alone):
             _write_tables(folder, grid, absent)
@@ -253,16 +243,23 @@ def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
         "gauss2svg": __version__, "images": images, "peers_absent": absent,
         "summary": summary, "rows": rows,
     }  # fmt: skip
+    # JSON has no infinity, so the PSNR of a measured file that equals its photo is None there.
+    exact = {"psnr_svg": "inf"}
+    cells = [
+        row | (exact if row.get("psnr_svg", 0) is None and row.get("renderer") else {})
+        for row in rows
+    ]
     template = template_environment().overlay(autoescape=False).get_template("summary.md.jinja")
     enlarged = any(row["psnr_svg_enlarged"] is not None for row in summary)
     text = template.render(
         **document,
         machines=dict.fromkeys(machine_text(row["machine"]) for row in rows),
         columns=[column for column in _COLUMNS if enlarged or column[1] != "psnr_svg_enlarged"],
-        tolerance=TOLERANCE,
+        tolerance=0.1,  # dB below the Pareto front up to which a setting counts as being on it
+        exact={row["label"] for row in cells if row.get("psnr_svg") == "inf"},
     )
     plots = plots_of(summary)
-    texts = {"bench.csv": csv_text(rows), "summary.md": text, **plots}
+    texts = {"bench.csv": csv_text(cells), "summary.md": text, **plots}
     tables = {"bench.json": as_json(document)} | {name: t.encode() for name, t in texts.items()}
     write_all_atomically({folder / name: data for name, data in tables.items()})
     # An earlier benchmark may have left plots that this one does not have. They are removed.

@@ -4,29 +4,117 @@ An axis is what the benchmark varies: an option of `vectorize`, or a constant of
 written as MODULE.NAME. For example, `--axis pipeline.limits.FULL=0.97,0.985` varies the constant
 FULL of the module gauss2svg.pipeline.limits. The benchmark runs every combination of the values of
 all axes.
+
+The files of any other method are in a folder, with a CSV of what they cost. A CSV alone has numbers
+without files.
 """
 
 from __future__ import annotations
 
 import ast
+import csv
+import hashlib
+import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gauss2svg.batch.listing import ListedPhoto
-from gauss2svg.compare.peers import PEERS, entries_of
-from gauss2svg.compare.records import TOOL
-from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
+from gauss2svg.batch.inputs import ListedPhoto, local_photos
+from gauss2svg.batch.stores import TABLE
+from gauss2svg.compare.records import COUNTS, FILE_KEYS, PEERS, TOOL
+from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
+from gauss2svg.files import reading, text_of
 from gauss2svg.fit import MOST_GAUSSIANS
+from gauss2svg.measure import SCORES
 from gauss2svg.options import Field, fields_of
+from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan
 from gauss2svg.version import __version__
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV. Raise InputError if it cannot be read."""
+    with reading(path, "a CSV file") as file:
+        text = text_of(file.read(), str(path))
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def photos_and_peers(
+    sources: Sequence[str], batch: Path | None, command: str
+) -> tuple[list[str], list[str]]:
+    """Return the photos of a comparison, and the peers that a batch adds.
+
+    sources  photos, folders, patterns and lists. If there are none, the photos are those of `batch`
+    batch    output folder of gauss2svg batch, or None
+    command  name of the command, for the error if there are no photos
+    """
+    if batch is None:
+        if not sources:
+            raise refusal("PHOTOS", "given", "none", f"gauss2svg {command} --help")
+        return local_photos(sources), []
+    if not (batch / TABLE).is_file():
+        raise refusal("--from", "the output folder of gauss2svg batch", f"no {batch / TABLE}")
+    photos = [row["input"] for row in rows_of(batch / TABLE) if not row["error"]]
+    return local_photos(sources) if sources else photos, [f"batch={batch}"]
+
+
+def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, dict[str, Any]]:
+    """Return what a method has of each photo: its file, the SHA-256 of that, and its numbers.
+
+    files  "" for a tool that is run, which gives an empty dict. Otherwise a folder of
+           SVGs and pictures with the names of the photos, or a CSV. The folder may have a
+           table.csv, or that of a batch. The column `photo` or `input` of a CSV has the name of the
+           photo, and `output` that of the file. If there is neither, the only row holds for all.
+
+    The file is None if the folder has none, and "" for a CSV. Numbers are those of a report, by its
+    names. Raise InputError for a CSV without a column of a report.
+    """
+    if not files:
+        return {}
+    folder, is_table = Path(files), Path(files).is_file()
+    tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
+    rows = [row for path in tables if path.is_file() for row in rows_of(path)]
+    columns = [str(name) for name in rows[0]] if rows else []
+    known = [*(score.key for score in SCORES), *FILE_KEYS, *COUNTS]
+    if is_table and set(known).isdisjoint(columns):
+        got, near = brief(", ".join(columns)), [nearest(name, known) for name in columns]
+        advice = next(filter(None, near), "psnr_svg,svgz_bytes")
+        raise refusal(files, "a CSV with columns of a report", got or "no row", advice)
+    named = {row.get("photo") or row.get("input") or "": row for row in rows}
+    by_stem = {Path(name).stem: row for name, row in named.items()}
+    pictures = {} if is_table else {
+        path.stem: path for path in sorted(folder.iterdir())
+        if path.name.lower().endswith((*SUFFIXES, ".svg", ".svgz"))
+    }  # fmt: skip
+    entries = {}
+    for photo in photos:
+        stem = Path(photo.path).stem
+        row = named.get(photo.path) or by_stem.get(stem) or named.get("") or {}
+        path = folder / row["output"] if row.get("output") else pictures.get(stem)
+        data = path.read_bytes() if path and path.is_file() else None
+        entries[photo] = {
+            "file": "" if is_table and row else data and str(path),
+            "digest": data and hashlib.sha256(data).hexdigest(),
+            "numbers": _numbers_of(row),
+        }
+    return entries
+
+
+def _numbers_of(row: Mapping[str, str]) -> dict[str, float]:
+    """Return the cells of a row that are numbers."""
+    numbers = {}
+    for name, cell in row.items():
+        with suppress(ValueError, TypeError):
+            numbers[name] = int(cell) if cell.isdecimal() else float(cell)
+    return numbers
+
 
 Settings = tuple[tuple[str, Any], ...]  # (name, value) of each setting, sorted by name
 
@@ -82,11 +170,6 @@ class Variant(NamedTuple):
         names = {"label": self.label, "preset": self.preset, "tool": self.tool}
         return names | {"tool_version": self.version, "settings": dict(self.settings)}
 
-    def entries(self, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, dict[str, Any]]:
-        """Return what `files` has of each photo. If a tool is run, return an empty dict."""
-        found = entries_of(self.files, [photo.path for photo in photos]) if self.files else ()
-        return dict(zip(photos, found, strict=False))
-
 
 def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[Variant], list[str]]:
     """Return variants of other tools, each once, and the names of tools that are not installed.
@@ -139,7 +222,7 @@ def variants_of(
     axes     the values of each option that is varied. Every combination is a variant. If there are
              no presets, counts or axes, the presets are draft, balanced and high.
     peers    other tools. "vtracer" stands for VTracer with the first of its settings in
-             gauss2svg.compare.peers, "vtracer:detailed" for VTracer with the settings "detailed",
+             PEERS, "vtracer:detailed" for VTracer with the settings "detailed",
              and LABEL=FOLDER for the files of another method
     Raise InputError for any other value, and if there is no variant.
     """
@@ -196,11 +279,6 @@ AXES: dict[str, Field] = {
     or field.name in ("renderer", "max_size")
 }
 
-# If an axis is given as --axis NAME, without values, it usually takes all values of the option. But
-# for these two options it takes only the values listed here. Their other values need programs that
-# may not be installed, such as a browser.
-_USUAL = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
-
 # Settings of the benchmark if no axis is given: first the presets, and then some numbers of
 # Gaussians and of iterations with the default preset. On two cores, these runs take about a minute
 # for a photo of half a megapixel.
@@ -238,10 +316,12 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     InputError for an unknown axis or an invalid value.
     """
     axes: dict[str, tuple[Any, ...]] = {}
+    # Other values of these two options need programs that may not be installed, such as a browser.
+    usual = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
     for text in texts:
         name, equals_sign, listed = text.partition("=")
         axis = _axis(name := name.strip().replace("-", "_"))
-        values = _parsed(axis, listed) if equals_sign else _USUAL.get(name, axis.choices)
+        values = _parsed(axis, listed) if equals_sign else usual.get(name, axis.choices)
         axes[name] = axes.get(name, ()) + values
     return axes
 
@@ -305,25 +385,28 @@ def _axis(name: str) -> Field:
     return Field(f"axis {name}", kind, *_CONSTANTS[kind])
 
 
-_PACKAGE = Path(__file__).parents[1]
-
-
 def _early_reading(module: str, constant: str) -> str:
     """Return how the package reads a constant of a module before a run sets it, or "".
 
     A new value would change only a part of the program in three cases: if a module imports the
     constant by name, if another constant or the bounds of an option are computed from it, and if it
-    is the default of a parameter. The source is read instead of
-    the loaded modules, because some modules are imported only when they are needed.
+    is the default of a parameter. The source is read instead of the loaded modules, because some
+    modules are imported only when they are needed.
     """
     target = f"{module}.{constant}"
-    for path in sorted(_PACKAGE.rglob("*.py")):
-        parts = path.relative_to(_PACKAGE.parent).with_suffix("").parts
+    package = Path(__file__).parents[1]
+    functions: Any = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
         reader = ".".join(parts).removesuffix(".__init__")
         # The names that this module has for other modules, and for constants: {name: dotted name}.
         names = {constant: target} if reader == module else {}
         text = path.read_text(encoding="utf-8")
-        for node in _early_nodes(ast.parse(text)) if constant in text else ():
+        nodes: list[Any] = [ast.parse(text)] if constant in text else []
+        for node in nodes:  # the list grows meanwhile
+            if isinstance(node, functions):
+                node.body = []  # it does not run when the module is imported
+            nodes += ast.iter_child_nodes(node)
             if isinstance(node, ast.ImportFrom):
                 new = {one.asname or one.name: f"{node.module}.{one.name}" for one in node.names}
                 if target in new.values() or new.keys() & names.keys() & {constant}:
@@ -334,13 +417,3 @@ def _early_reading(module: str, constant: str) -> str:
                 if names.get(first, first) + dot + rest == target:
                     return f"{reader} reads when it is imported"
     return ""
-
-
-def _early_nodes(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the syntax nodes that run when a module is imported."""
-    is_function = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-    body = getattr(node, "body", None) if is_function else []
-    yield node
-    for child in ast.iter_child_nodes(node):
-        if child is not body and child not in (body if isinstance(body, list) else ()):
-            yield from _early_nodes(child)

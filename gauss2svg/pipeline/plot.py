@@ -90,8 +90,8 @@ class Plot(NamedTuple):
         # The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
         minutes = (drawn / 50 + travel / 151 + 0.25 * self.lifts) / 60
         return (
-            f"{drawn / 1000:.1f} m in {self.lifts:,} strokes, {travel / 1000:.1f} m with the pen "
-            f"up, in at least {math.ceil(minutes)} min"
+            f"{drawn / 1000:.1f} m in {self.lifts:,} stroke{'s' * (self.lifts != 1)}, "
+            f"{travel / 1000:.1f} m with the pen up, in at least {math.ceil(minutes)} min"
         )
 
     @property
@@ -100,7 +100,7 @@ class Plot(NamedTuple):
         layers = []
         for at, (name, color, strokes) in enumerate(self.pens, start=1):
             paths = [Element("path", d=_path_data(stroke)) for stroke in strokes]
-            label = f"{at} {name}: {len(paths)} strokes"
+            label = f"{at} {name}: {len(paths)} stroke{'s' * (len(paths) != 1)}"
             layers.append(layer(label, paths, id=f"pen-{at}", stroke=color))
         root = {
             "fill": "none", "stroke-width": number(self.pen_width, 3),

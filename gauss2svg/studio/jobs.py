@@ -30,10 +30,7 @@ MOST_WAITING = 32  # largest number of jobs in the queue
 MOST_KEPT = 1000  # largest number of finished jobs that are kept. The oldest are removed first
 MOST_BYTES = 1 << 30  # largest size of the files of all jobs together, in bytes
 LOOK_S = 0.05  # seconds between two checks of a job for which a request waits
-_RETRY = {"Retry-After": "5"}  # seconds after which a refused client may try again
 _CANCEL_S = 0.2  # seconds in which a canceled fit can end by itself, before its process is killed
-QUEUED, RUNNING, DONE, STOPPED = "queued", "running", "done", "stopped"
-FAILED, CANCELED = "failed", "canceled"
 
 
 @dataclass(eq=False)
@@ -83,12 +80,12 @@ class Job:
         # report, and so to have failed.
         has_ended = self.call.done()
         if self.report is not None:
-            return STOPPED if self.report["stop_reason"] == "interrupted" else DONE
+            return "stopped" if self.report["stop_reason"] == "interrupted" else "done"
         if self.is_canceled:
-            return CANCELED
+            return "canceled"
         if has_ended:
-            return FAILED
-        return RUNNING if self.call.running() else QUEUED
+            return "failed"
+        return "running" if self.call.running() else "queued"
 
     @property
     def is_over(self) -> bool:
@@ -96,7 +93,7 @@ class Job:
 
         Its process may still write further files.
         """
-        return self.state not in (QUEUED, RUNNING)
+        return self.state not in ("queued", "running")
 
     @property
     def error(self) -> str:
@@ -156,21 +153,19 @@ class Jobs:
         MOST_BYTES. Raise HTTPException if the queue is full, or if there is still no space.
         """
         if len(self.queue()) >= MOST_WAITING:
-            full = f"{MOST_WAITING} photos are waiting already; try again later"
-            raise HTTPException(429, full, _RETRY)
+            raise _full(f"{MOST_WAITING} photos are waiting already")
         finished = [job for job in self.by_id.values() if job.call.done() and not job.readers]
         sizes = {job.id: _bytes_in(job.folder) for job in self.by_id.values()}
         while finished and (len(finished) >= MOST_KEPT or sum(sizes.values()) >= MOST_BYTES):
             del sizes[finished[0].id]
             self.forget(finished.pop(0))
         if sum(sizes.values()) >= MOST_BYTES:
-            full = "the photos that wait take all the room; try again later"
-            raise HTTPException(429, full, _RETRY)
+            raise _full("the photos that wait take all the room")
 
     def queue(self) -> list[Job]:
         """Return the jobs that wait, in the order in which they came."""
         jobs = self.by_id.values()
-        return [job for job in jobs if not job.call.done() and job.state == QUEUED]
+        return [job for job in jobs if not job.call.done() and job.state == "queued"]
 
     def new_folder(self) -> Path:
         """Make a folder for the files of a job, with a random name."""
@@ -188,7 +183,7 @@ class Jobs:
 
         If the fit has not begun, cancel the job instead.
         """
-        if job.state == QUEUED:
+        if job.state == "queued":
             self.cancel(job)
         elif not job.is_over:
             (job.folder / "stop").touch()
@@ -228,6 +223,10 @@ class Jobs:
             job.readers -= 1
             if not job.readers and not job.is_over:
                 self.cancel(job)
+
+
+def _full(reason: str) -> HTTPException:
+    return HTTPException(429, f"{reason}; try again later", {"Retry-After": "5"})
 
 
 def _bytes_in(folder: Path) -> int:

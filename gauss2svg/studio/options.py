@@ -13,17 +13,12 @@ from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
 from gauss2svg.scene.inks import PALETTE_SUFFIX
-from gauss2svg.studio.uploads import stem_of
-from gauss2svg.studio.worker import MASK
+from gauss2svg.studio.worker import MASK, stem_of
 
 # Largest number of pixels of a PNG. Drawing so large a PNG takes half a gigabyte of memory.
 MOST_DRAWN = 40_000_000
 # Options that only the server sets, because all fits share its cores and its memory.
 _NOT_OFFERED = ("threads", "max_memory", "max_pixels")
-_LABELS = {"count_gzipped": "Count kB after gzip, as servers send them"}
-_NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
-# The attributes of each score that are sent to the page.
-_SCORE_FIELDS = ("key", "name", "title", "unit", "digits", "best")
 # First choices of the page: {name: (title, options that it sets)}. All others get their defaults.
 USES: dict[str, tuple[str, dict[str, Any]]] = {
     "photo": ("Photo", {}),
@@ -32,7 +27,6 @@ USES: dict[str, tuple[str, dict[str, Any]]] = {
     "placeholder": ("Placeholder", {"max_bytes": 1000, "markup": "minimal"}),
     "plotter": ("Plotter", {"quality": "fast"}),
 }
-_UNIT = re.compile(r"\((dB|s|px)\)")
 
 
 def options_of(values: dict[str, Any], has_focus: bool = False) -> Options:
@@ -68,22 +62,25 @@ def form() -> dict[str, Any]:
             for key, group in GROUPS.items()
             for texts in [texts_of(group)]
         ],
-        "scores": [{name: getattr(score, name) for name in _SCORE_FIELDS} for score in SCORES],
+        "scores": [
+            {n: getattr(score, n) for n in ("key", "name", "title", "unit", "digits", "best")}
+            for score in SCORES
+        ],
     }
-
-
-_KINDS = {bool: "boolean", int: "integer", float: "number"}
 
 
 def _described(field: Field, text: str) -> dict[str, Any]:
     kind = "choice" if field.choices else "size" if field.check is byte_size else "text"
-    kind = kind if field.kind is None else _KINDS[field.kind]
+    kind = {bool: "boolean", int: "integer", float: "number"}.get(field.kind, kind)
     is_number = field.kind in (int, float)
-    unit = _UNIT.search(text)
-    label = " ".join(_NAMES.get(word, word) for word in field.name.split("_"))
+    unit = re.search(r"\((dB|s|px)\)", text)
+    names = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
+    label = " ".join(names.get(word, word) for word in field.name.split("_"))
+    if field.name == "count_gzipped":
+        label = "count kB after gzip, as servers send them"
     return {
         "name": field.name,
-        "label": _LABELS.get(field.name, label[0].upper() + label[1:]),
+        "label": label[0].upper() + label[1:],
         "flag": flag_of(field.name),
         "type": kind,
         "choices": list(field.choices) if kind == "choice" else None,

@@ -1,4 +1,4 @@
-"""HTTP routes of the service: the page, its data, jobs, and the files of jobs."""
+"""HTTP routes of the service: the page, its data, uploads, jobs, and the files of jobs."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import asyncio
 import base64
 import io
 import itertools
+import os
+import re
 import shutil
+import unicodedata
 import zipfile
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from mimetypes import guess_type
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,34 +24,45 @@ from pydantic import BaseModel, Field, Json
 from starlette.datastructures import State
 from starlette.exceptions import HTTPException
 
+from gauss2svg.batch.inputs import is_picture
 from gauss2svg.compare.chart import COSTS, NARROW, scatter, template_environment
-from gauss2svg.errors import refusal
-from gauss2svg.files import as_png
+from gauss2svg.errors import InputError, brief, refusal
+from gauss2svg.files import as_png, reading
 from gauss2svg.measure import SCORES
 from gauss2svg.measure.heatmap import MOST, legend
-from gauss2svg.photo import SUFFIXES
+from gauss2svg.photo import DEFAULT_MAX_PIXELS, SUFFIXES
+from gauss2svg.photo.load import opened
 from gauss2svg.raster.isolated import draw
 from gauss2svg.scene import Scene
-from gauss2svg.studio import uploads
-from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, wait_until
+from gauss2svg.studio.jobs import LOOK_S, Job, wait_until
 from gauss2svg.studio.options import MOST_DRAWN, USES, form, lines_of, options_of
-from gauss2svg.studio.worker import MASK
+from gauss2svg.studio.worker import MASK, stem_of
 from gauss2svg.svg import Document, Markup, Plotter
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
 router = APIRouter()
-_TEMPLATES = template_environment("gauss2svg.compare.pages", "gauss2svg.studio")
+_TEMPLATES = template_environment("gauss2svg.studio")
 _AXES = {axis.key: axis for axis in SCORES}
 _COSTS = {cost.key: cost for cost in COSTS}
-_FIGURES = (
-    "area_count", "line_count", "gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s",
-    "stop_reason",
-)  # fmt: skip
 _FILES = (
     MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz", "outline.svg",
     "plates.zip", "placeholder.html",
 )  # fmt: skip
+
+
+class Sample(BaseModel):
+    """A picture of the server that users can pick if they do not want to upload one.
+
+    Its width and height are in px.
+    """
+
+    name: str
+    path: Path = Field(exclude=True)
+    width: int
+    height: int
+    url: str
+    """Address of its file, relative to the page."""
 
 
 class JobState(BaseModel):
@@ -95,7 +109,7 @@ async def _finished(job: KnownJob) -> Job:
 FinishedJob = Annotated[Job, Depends(_finished)]
 
 
-def _sample_named(name: str, studio: Studio) -> uploads.Sample:
+def _sample_named(name: str, studio: Studio) -> Sample:
     if name not in studio.samples:
         raise HTTPException(404, f"no sample {name[:100]}")
     return studio.samples[name]
@@ -109,7 +123,7 @@ async def page(studio: Studio) -> HTMLResponse:
         workers=studio.jobs.workers,
         legend=legend(),
         most_levels=MOST,
-        suffixes=(*SUFFIXES, *uploads.REFUSED),
+        suffixes=(*SUFFIXES, ".jxl"),  # the page says why a JPEG XL cannot be read
         is_local=studio.is_local,
         uses=USES,
     )
@@ -125,14 +139,14 @@ async def options() -> dict[str, Any]:
     return form()
 
 
-@router.get("/api/samples", response_model=list[uploads.Sample])
-async def samples(studio: Studio) -> list[uploads.Sample]:
+@router.get("/api/samples", response_model=list[Sample])
+async def samples(studio: Studio) -> list[Sample]:
     """Return the pictures that can be picked instead of an upload."""
     return list(studio.samples.values())
 
 
 @router.get("/api/samples/{name}", response_class=FileResponse)
-async def sample(sample: Annotated[uploads.Sample, Depends(_sample_named)]) -> FileResponse:
+async def sample(sample: Annotated[Sample, Depends(_sample_named)]) -> FileResponse:
     """Return the file of a sample picture."""
     return FileResponse(sample.path)
 
@@ -185,7 +199,7 @@ async def _submitted(
     folder: Path = studio.jobs.new_folder()
     try:
         if photo is not None:
-            name, source = uploads.display_name(photo.filename), photo.file
+            name, source = display_name(photo.filename), photo.file
         elif of:
             earlier = _job_named(of, studio)
             name, source = earlier.name, (earlier.folder / "photo").open("rb")
@@ -199,7 +213,7 @@ async def _submitted(
             if upload is not None:
                 with upload, (folder / kept).open("wb") as copy:
                     await asyncio.to_thread(shutil.copyfileobj, upload, copy)
-        size = await asyncio.to_thread(uploads.size_of, folder / "photo", name)
+        size = await asyncio.to_thread(size_of, folder / "photo", name)
         job = Job(folder, name, options, *size, lines=lines_of(name, chosen, focus is not None))
         studio.jobs.submit(job)
     except BaseException:
@@ -236,7 +250,10 @@ async def vectorize(request: Request, job: SubmittedJob, studio: Studio) -> Resp
             raise HTTPException(499, "the client has gone")
         await asyncio.sleep(LOOK_S)
     answer, report = await picture(await _finished(job)), job.report or {}
-    for name in _FIGURES:
+    for name in (
+        "area_count", "line_count", "gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s",
+        "stop_reason",
+    ):  # fmt: skip
         answer.headers[f"X-Gauss2svg-{name.replace('_', '-')}"] = str(report[name])
     answer.headers["X-Gauss2svg-job"] = job.id
     return answer
@@ -256,7 +273,7 @@ async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent
     """
     with studio.jobs.reading(job):
         last = None
-        while last is None or last.state in (QUEUED, RUNNING):
+        while last is None or last.state in ("queued", "running"):
             if (now := _state(job, studio)) != last:
                 yield ServerSentEvent(data=now, event="state")
                 last = now
@@ -419,7 +436,7 @@ def _new_name(job: Job, suffix: str, taken: set[str]) -> str:
 
     The name differs from all names in `taken`, even if upper and lower case count as the same.
     """
-    stem = uploads.stem_of(job.name)
+    stem = stem_of(job.name)
     names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
     name = next(name for name in names if f"{name}{suffix}".casefold() not in taken)
     taken.add(f"{name}{suffix}".casefold())
@@ -427,5 +444,52 @@ def _new_name(job: Job, suffix: str, taken: set[str]) -> str:
 
 
 def _attachment(job: Job, suffix: str) -> dict[str, str]:
-    name = quote(f"{uploads.stem_of(job.name)}{suffix}", safe="")
+    name = quote(f"{stem_of(job.name)}{suffix}", safe="")
     return {"Content-Disposition": f"attachment; filename*=UTF-8''{name}"}
+
+
+def display_name(path: str | None) -> str:
+    """Return the last part of a path, made safe to show on a page and to name a download."""
+    last = re.split(r"[/\\]", path or "")[-1]
+    safe = "".join(c for c in last if unicodedata.category(c)[0] != "C" and c not in '<>:"|?*')
+    stem, dot, suffix = safe.strip(". ").rpartition(".")
+    return f"{stem[:100]}{dot}{suffix[:8]}" if stem else suffix[:100] or "photo"
+
+
+def size_of(path: Path, name: str) -> tuple[int, int]:
+    """Return the width and height (px) of a photo after it is turned upright.
+
+    Only the header of the photo is decoded. Raise InputError, with the name in its message, if the
+    file is not a photo or has too many pixels.
+    """
+    with reading(path, "another photo") as file:
+        return opened(file.read(), name, DEFAULT_MAX_PIXELS).upright_size
+
+
+def samples_in(folder: Path | None) -> Sequence[Sample]:
+    """Return the photos of a folder, or pictures of scikit-image if the folder is None.
+
+    Raise InputError if the folder has no photos.
+    """
+    if folder is None:
+        from skimage import data
+
+        names = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
+        parent = Path(data.__file__).parent
+        paths = [parent / name for name in names if (parent / name).is_file()]
+    else:
+        paths = [p for p in sorted(folder.glob("*")) if is_picture(p.name)]
+    samples = []
+    for path in paths[:100]:
+        try:
+            width, height = size_of(path, path.name)
+        except InputError:  # a file that cannot be read is not offered on the page
+            continue
+        # A page must be valid Unicode, so bytes of the name that are not valid are escaped.
+        name = os.fsencode(path.name).decode(errors="backslashreplace")
+        url = f"api/samples/{quote(name, safe='')}"
+        samples.append(Sample(name=name, path=path, width=width, height=height, url=url))
+    if folder is not None and not samples:
+        advice = "another folder, or none for pictures of scikit-image"
+        raise refusal("FOLDER", "a folder with photos", brief(str(folder)), advice)
+    return samples

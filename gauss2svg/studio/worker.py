@@ -16,14 +16,14 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from itertools import chain
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 from urllib.parse import quote
 
 from gauss2svg.compare.records import json_safe, record_or_error
 from gauss2svg.compare.run import outlines_with_nodes
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.files import as_json, as_png, saved, write_whole
+from gauss2svg.files import as_json, as_png, is_device, saved, write_whole
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline.budgets import memory_limit
@@ -32,15 +32,10 @@ from gauss2svg.pipeline.placeholder import Placeholder
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, USUAL_BYTES, Plan
 from gauss2svg.pipeline.progress_display import FrameMaker
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
-from gauss2svg.studio.uploads import stem_of
 from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
 MASK = "focus.png"  # name of the mask's file in the folder of a job
-# Attributes of a fit's progress that are written to progress.json.
-_FIT_ATTRIBUTES = (
-    "round", "iteration", "done", "gaussians", "areas", "psnr", "elapsed_s", "remaining_s",
-)  # fmt: skip
 
 
 class _CanceledError(Exception):
@@ -101,7 +96,11 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
                 return
             frames += 1
             _write(folder / "frame.jpg", frame)
-            figures |= {name: getattr(now.fit, name) for name in _FIT_ATTRIBUTES}
+            for name in (
+                "round", "iteration", "done", "gaussians", "areas", "psnr", "elapsed_s",
+                "remaining_s",
+            ):  # fmt: skip
+                figures[name] = getattr(now.fit, name)
             if not now.fit.areas:
                 figures["bytes_estimate"] = USUAL_BYTES * now.fit.gaussians
         _write(folder / "progress.json", as_json(json_safe({**figures, "frame": frames})))
@@ -165,3 +164,9 @@ def _saved_only(result: Result, name: str) -> Iterator[tuple[str, bytes]]:
         size = report["width"], report["height"]
         one = Placeholder.of(svg, result.scene, size, result.photo)
         yield "placeholder.html", f"{one.snippet(quote(name))}\n".encode()
+
+
+def stem_of(name: str) -> str:
+    """Return a display name without its suffix, made a valid file name on any system."""
+    stem = PurePath(name).stem.encode()[:200].decode(errors="ignore")
+    return f"_{stem}" if is_device(stem) else stem

@@ -73,14 +73,18 @@ def check_aspect(name: str, aspect: Any) -> str:
 
 
 def check_sheet(name: str, sheet: Any) -> str:
-    """Return `sheet`. Raise InputError unless it is the name of a paper or such as 300x200mm."""
-    text = sheet if isinstance(sheet, str) else ""
-    match = re.fullmatch(r"(\d+\.?\d*)x(\d+\.?\d*)mm", text)
-    is_size = match and all(1 <= float(side) <= 5000 for side in match.groups())
-    if text in _PAPERS or is_size:
+    """Return `sheet` in lower case.
+
+    Raise InputError unless it is the name of a paper or such as 300x200mm.
+    """
+    text = sheet.lower() if isinstance(sheet, str) else ""
+    size = re.compile(r"(\d+\.?\d*)x(\d+\.?\d*)mm")
+    match = size.fullmatch(text)
+    if text in _PAPERS or (match and all(1 <= float(side) <= 5000 for side in match.groups())):
         return text
     needed = f"{', '.join(_PAPERS)} or a width and a height such as 300x200mm"
-    raise refusal(name, needed, quoted(sheet), nearest(str(sheet), _PAPERS))
+    advice = f"{text}mm" if size.fullmatch(f"{text}mm") else nearest(text, _PAPERS)
+    raise refusal(name, needed, quoted(sheet), advice)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -118,8 +118,8 @@ def _in_current_color(svg: str, scene: Scene) -> str:
     (level,) = levels
     color = hex_color(level)
     svg = re.sub(f'(fill|stroke)="{color}"', rf"\1{CURRENT_COLOR}", svg)
-    # An icon that is black within 8 levels takes the colour of its page. Minimal markup has no black
-    # fills, because black is the default.
+    # An icon that is black within 8 levels takes the colour of its page. Minimal markup has no
+    # black fills, because black is the default.
     is_black = max(level) <= 8
     root = f"<svg fill{CURRENT_COLOR}" if is_black else f'<svg color="{color}"'
     return svg.replace("<svg", root, 1)

@@ -9,23 +9,17 @@ from types import SimpleNamespace
 
 import pytest
 from batches import TINY_COMMAND, left_parts, marks, outputs, save_photo, save_photos, tiny
-from galleries import save
-from pictures import antialiased_badge
 
-from gauss2svg import read_svg
 from gauss2svg.batch import many, worker
-from gauss2svg.batch.many import vectorize_many
-from gauss2svg.batch.stores import PARTS, STATE, prepare, write
-from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
-from gauss2svg.batch.worker import MARKS, PhotoRecord
+from gauss2svg.batch.many import Summary, vectorize_many, write_table
+from gauss2svg.batch.stores import MARKS, PARTS, STATE, TABLE, prepare, write
+from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline import budgets
-from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pool import WorkerDiedError
-from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.svg.file import file_bytes
 
 pytestmark = pytest.mark.usefixtures("pool_here")
@@ -87,18 +81,11 @@ def test_each_photo_has_a_row_and_each_svg_a_mark_with_all_that_is_asked_for(run
         assert min(one["psnr_svg"], one["paint_ms"], one["total_s"], one["cpu_s"]) > 0
         assert table[name]["psnr_svg"] == str(one["psnr_svg"])
     assert left_parts(out) == []
-    parquet = pytest.importorskip("pyarrow.parquet").read_table(out / PARQUET).to_pydict()
+    parquet = (
+        pytest.importorskip("pyarrow.parquet").read_table(out / STATE / "table.parquet").to_pydict()
+    )
     assert parquet["output"] == list(table)
     assert sorted(filter(None, parquet["width"])) == [12] * 4
-
-
-def test_a_row_counts_the_areas_lines_and_nodes_of_its_svg(tmp_path):
-    drawing = save(antialiased_badge(64), tmp_path / "badge.png")
-    (row,) = vectorize_many([drawing], tmp_path / "out", Options())
-    svg = (tmp_path / "out" / row.output).read_text()
-    counts = AreaCounts.of(read_svg(svg).areas)
-    assert (row.area_count, row.line_count, row.node_count) == counts
-    assert row.area_count > 0 == row.gaussians
 
 
 def test_what_is_done_needs_no_worker_and_stays_as_it_is(
@@ -187,20 +174,9 @@ def test_disk_that_cannot_be_written_ends_the_batch_and_loses_nothing(
 
 @pytest.mark.posix  # Windows forbids most of these names
 def test_every_name_that_the_system_allows_is_read_and_written(run, tmp_path):
-    names = [
-        "2024-05-01 12:30:05",
-        "C:",
-        "c:a",
-        "a::b",
-        "http:",
-        "#",
-        "a?b",
-        "%41",
-        "*",
-        "[ab]",
-        "-",
-    ]
-    names += ["--quality", "a.", " a ", "con", "x" * 230, "new\nline", "\x1b[31m", "\udcff", "a\\b"]
+    names = ["2024-05-01 12:30:05", "C:", "c:a", "a::b", "http:", "#", "a?b", "%41", "*", "[ab]"]
+    names += ["-", "--quality", "a.", " a ", "con", "x" * 230, "new\nline", "\x1b[31m", "\udcff"]
+    names += ["a\\b"]
     for name in names:
         save_photo(tmp_path / "in/photo.png", 6).rename(tmp_path / f"in/{name}.png")
     made = sorted(f"{name}.svg" for name in names)
@@ -271,19 +247,13 @@ def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, m
 
 def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatch):
     now = iter((0.0, 10.0))
-    monkeypatch.setattr("gauss2svg.batch.table.time", SimpleNamespace(monotonic=now.__next__))
+    monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=now.__next__))
     summary = Summary()
     for given in ({}, {"error": "x"}, {"skipped": True}):
         summary.add(PhotoRecord("a.png", "a.svg", **given))
     assert summary.progress_text(13) == "0.2 photos/s, 1 failed, 0:00:50 left"
-
-
-def test_a_clock_that_has_not_moved_divides_no_speed(monkeypatch):
-    monkeypatch.setattr("gauss2svg.batch.table.time", SimpleNamespace(monotonic=lambda: 5.0))
-    summary = Summary()
-    summary.add(PhotoRecord("a.png", "a.svg", skipped=True))
-    assert list(summary.lines()) == ["0 done, 1 skipped, 0 failed in 0.0 s: 0 photos a second"]
-    assert summary.progress_text(2) == "0 photos/s, 0 failed, unknown time left"
+    monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=lambda: 5.0))
+    assert list(Summary().lines()) == ["0 done, 0 skipped, 0 failed in 0.0 s: 0 photos a second"]
 
 
 def test_no_cell_of_a_table_begins_a_formula_and_every_name_is_unicode(tmp_path):

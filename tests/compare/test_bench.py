@@ -9,7 +9,7 @@ from galleries import cells_expected, cells_of, save
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import BenchOptions, table
-from gauss2svg.compare.run import COUNTS
+from gauss2svg.compare.records import COUNTS
 from gauss2svg.compare.table import run_bench, summarise
 from gauss2svg.errors import InputError
 
@@ -32,7 +32,8 @@ def requests(monkeypatch):
         if count == 13:
             raise InputError("unlucky")
         return {
-            "psnr_svg": 20 + math.log2(1 + count), "ssim_svg": 0.5, "psnr_model": None,
+            "psnr_svg": None if count == 99 else 20 + math.log2(1 + count), "renderer": "resvg",
+            "ssim_svg": 0.5, "psnr_model": None,
             "ssimulacra2_svg": 9.0 - count, "flip_svg": 0.5 / count,
             "cpu_s": 0.01 * count, "total_s": 0.01 * count, "peak_bytes": 10**8,
             "svg_bytes": 200 * count, "svgz_bytes": 20 * count, "gaussians": count,
@@ -95,6 +96,9 @@ def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_pa
     for row, seconds in zip(rows, (1.0, 3.0, 4.0, 6.0, 0, 0), strict=True):
         if "error" not in row:
             row["cpu_s"] = row["peak_bytes"] = seconds
+    run_bench(paths, tmp_path / "exact", axes={"gaussians": [99]})
+    assert "| gaussians 99 | inf |" in (tmp_path / "exact" / "summary.md").read_text()
+    assert cells_of(tmp_path / "exact" / "bench.csv")[0]["psnr_svg"] == "inf"
     five, seven = summarise(rows, 2)
     assert (five["images"], five["cpu_s"], seven["cpu_s"]) == (2, 2.0, 5.0)
     assert (five["peak_bytes"], seven["peak_bytes"]) == (3.0, 6.0)

@@ -17,8 +17,8 @@ from rewritten import rewritten
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import chart
-from gauss2svg.compare.pages.build import NUMBERS
-from gauss2svg.compare.run import COUNTS as COUNTS_OF_PARTS
+from gauss2svg.compare.pages import NUMBERS
+from gauss2svg.compare.records import COUNTS as COUNTS_OF_PARTS
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure import SCORES
 from gauss2svg.measure.heatmap import error_map

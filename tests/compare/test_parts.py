@@ -13,7 +13,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gauss2svg.batch.listing import listed_photos, slug_of
+from gauss2svg.batch.inputs import listed_photos, slug_of
 from gauss2svg.compare import chart
 from gauss2svg.compare.grid import add_row, rows_in
 from gauss2svg.compare.records import TOOL

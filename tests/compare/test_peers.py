@@ -11,8 +11,7 @@ from galleries import BLANK, save
 from PIL import Image
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare import run, table
-from gauss2svg.compare.pages import build
+from gauss2svg.compare import pages, run, table
 from gauss2svg.compare.records import record_or_error
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
@@ -25,7 +24,7 @@ pytestmark = pytest.mark.process
 def _here(monkeypatch, drawn_here, pool_here):
     """Runs are made in this process, without scores."""
     monkeypatch.setattr(table, "Pool", PoolHere)
-    monkeypatch.setattr(build, "Pool", PoolHere)
+    monkeypatch.setattr(pages, "Pool", PoolHere)
 
 
 def reported(command, *words):
@@ -80,10 +79,13 @@ def test_files_of_another_method_are_measured_and_again_if_they_change(
     assert changed == {("b.png", "svgs")}
 
 
-def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path):
+def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal):
     (tmp_path / "each.csv").write_text("photo,psnr_svg,svgz_bytes\na,30,900\nphotos/b.png,20,100\n")
     (tmp_path / "means.csv").write_text("psnr_svg\n25\n")
+    (tmp_path / "bad.csv").write_text("photo,psnr\na.png,30\n")
     axis = ["--axis", "iterations=1", "--axis", "gaussians=1"]
+    line = refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=bad.csv")
+    assert "must be a CSV with columns of a report; got photo, psnr. Try psnr_svg" in line
     rows = reported("bench", *two_photos, "--peers", "each=each.csv,means=means.csv", *axis)
     assert [rows["a.png", "each"][name] for name in ("psnr_svg", "svgz_bytes")] == [30, 900]
     assert rows["b.png", "each"]["psnr_svg"] == 20

@@ -56,7 +56,7 @@ def ink_of(plot, px_per_mm=10):
 @pytest.mark.parametrize(
     ("options", "sheet"),
     [
-        ({}, (297, 210)), ({"sheet": "a3", "margin": 30.0, "pen_width": 1.0}, (420, 297)),
+        ({}, (297, 210)), ({"sheet": "A3", "margin": 30.0, "pen_width": 1.0}, (420, 297)),
         ({"sheet": "50x200mm", "margin": 0.0, "hatch": 2.0}, (50, 200)),
     ],
 )  # fmt: skip
@@ -163,6 +163,9 @@ def test_strokes_come_in_an_order_that_saves_travel():
     plot = plot_of(PHOTO.replace(width=100, height=100))
     strokes = plot.pens[0].strokes
     assert plot.lifts == len(strokes) > 100
+    one = plot._replace(pens=[plot.pens[0]._replace(strokes=strokes[:1])])
+    assert "in 1 stroke, " in str(one)
+    assert ': 1 stroke"' in one.svg
     mixed = [strokes[k] for k in np.random.default_rng(1).permutation(len(strokes))]
     shuffled = plot._replace(pens=[plot.pens[0]._replace(strokes=mixed)])
     assert plot.travel_mm < 0.2 * shuffled.travel_mm

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from gauss2svg.batch.stores import PARTS, STATE
-from gauss2svg.batch.worker import MARKS
+from gauss2svg.batch.stores import MARKS, PARTS, STATE
 from gauss2svg.pipeline.options import Options
 
 # The least work that still gives a file of its own for each photo.

@@ -59,7 +59,7 @@ def choices(name: str) -> tuple[Any, ...]:
 
 def build_gallery(photos: Any, directory: Any, **given: Any) -> Any:
     """`gauss2svg.build_gallery` of options by their names."""
-    from gauss2svg.compare.pages.build import build_gallery as build
+    from gauss2svg.compare.pages import build_gallery as build
 
     names = [field.name for field in fields_of(GalleryOptions)]
     options = GalleryOptions(**{name: given.pop(name) for name in names if name in given})

@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from gauss2svg.compare.grid import flat
-from gauss2svg.compare.run import ERRORS, OUTLINES, PICTURE, REPORT, SCENE, THUMBNAIL, _write
+from gauss2svg.compare.run import _write
 from gauss2svg.errors import RendererError
 from gauss2svg.files import as_json
 
@@ -91,8 +91,9 @@ def canned(request):
         "ssim_svg": 0.5, "ssimulacra2_svg": -20.0, "flip_svg": 0.25,
         "renderer": "resvg 1", "seed": seed, "notes": [],
     }  # fmt: skip
-    files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
-    _write(request["folder"], files | {REPORT: as_json(report)})
+    names = ("picture.svg", "scene.npz", "outlines.svg", "thumbnail.png", "errors.png")
+    files = dict.fromkeys(names, b"<svg/>") | {"report.json": as_json(report)}
+    _write(request["folder"], files)
     crops = {"worst": CROP, "typical": CROP}
     return {"report": report, "cpu_s": 0.1, "rounds": [[1, count]], "crops": crops}
 

@@ -19,7 +19,7 @@ from PIL import Image, PngImagePlugin
 from screens import captured
 from skimage import data
 
-from gauss2svg.compare.pages.build import Gallery
+from gauss2svg.compare.pages import Gallery
 from gauss2svg.measure import perceptual
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS
 
@@ -46,7 +46,7 @@ def hastily() -> Iterator[None]:
     """Short runs in this process, where FLIP has no process of its own and is a mean error."""
     preset = PRESETS[DEFAULT_PRESET]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gauss2svg.compare.pages.build.Pool", PoolHere)
+        patch.setattr("gauss2svg.compare.pages.Pool", PoolHere)
         patch.setattr(perceptual, "flip", lambda one, other: float(np.abs(one - other).mean()))
         patch.setitem(PRESETS, DEFAULT_PRESET, dataclasses.replace(preset, iterations=40))
         yield

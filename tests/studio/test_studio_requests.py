@@ -13,10 +13,9 @@ from studio_server import answer_of
 
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
-from gauss2svg.studio import guard, jobs, service
-from gauss2svg.studio.guard import PICTURE_POLICY, Guard
-from gauss2svg.studio.service import create_app
-from gauss2svg.studio.uploads import display_name, samples_in
+from gauss2svg.studio import jobs, service
+from gauss2svg.studio.routes import display_name, samples_in
+from gauss2svg.studio.service import PICTURE_POLICY, Guard, create_app
 
 TOKEN, PORT = "t0ken", 8137
 BEARER = {"Authorization": f"Bearer {TOKEN}"}
@@ -160,8 +159,8 @@ def test_the_page_may_load_only_what_is_here_and_every_answer_has_the_headers_of
 def test_an_upload_is_given_up_at_the_bound_or_when_it_stops_coming(
     parts, status, word, monkeypatch
 ):
-    monkeypatch.setattr(guard, "MOST_UPLOADED", 10**6)
-    monkeypatch.setattr(guard, "PAUSE_S", 0.05 if parts == 1 else 60)
+    monkeypatch.setattr(service, "MOST_UPLOADED", 10**6)
+    monkeypatch.setattr(service, "PAUSE_S", 0.05 if parts == 1 else 60)
     left = iter(range(parts))
 
     async def body():

@@ -1,4 +1,7 @@
-"""Build a gallery: worker processes make the missing SVGs, and then the pages are written."""
+"""Galleries: static web pages that compare results for photos.
+
+Worker processes make the missing SVGs, and then the pages are written.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,11 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.batch.listing import ListedPhoto, listed_photos
-from gauss2svg.compare import chart, run
+from gauss2svg.batch.inputs import ListedPhoto, listed_photos
+from gauss2svg.compare import GalleryOptions, chart, run
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
-from gauss2svg.compare.pages import GalleryOptions
-from gauss2svg.compare.records import TOOL, Row
-from gauss2svg.compare.variants import Variant, main_variant, variants_of
+from gauss2svg.compare.records import COUNTS, TOOL, Row
+from gauss2svg.compare.variants import Variant, entries_of, main_variant, variants_of
 from gauss2svg.errors import OutputError, on_one_line
 from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
@@ -31,16 +33,10 @@ from gauss2svg.version import __version__
 GalleryProgress = Progress
 # A row of gallery.json has these numbers of a report. The reports of other tools lack some of them.
 NUMBERS = (
-    *run.COUNTS, "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
+    *COUNTS, "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
     *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
 )  # fmt: skip
-_MEDIANS = (*run.COUNTS, "svg_bytes", "svgz_bytes", "total_s", *(score.key for score in SCORES))
-_TOTALS = ("svg_bytes", "total_s")
-
-_RECORDS, _DATA, _TABLE = "gallery.jsonl", "gallery.json", "gallery.csv"
-_INDEX, _PAGES = "index.html", ("index", "trade-off", "how")
-_OUTPUTS = (_DATA, _TABLE, *(f"{page}.html" for page in _PAGES))
-_PHOTOS, _ASSETS = "photos", "assets"
+_OUTPUTS = ("gallery.json", "gallery.csv", "index.html", "trade-off.html", "how.html")
 
 
 @dataclass(frozen=True)
@@ -66,7 +62,7 @@ class Gallery:
     @property
     def index(self) -> Path:
         """Path of the first page."""
-        return self.directory / _INDEX
+        return self.directory / "index.html"
 
 
 def build_gallery(
@@ -105,7 +101,7 @@ def build_gallery(
     """
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers, axes)
-    entries = {variant: variant.entries(listed) for variant in chosen}
+    entries = {variant: entries_of(variant.files, listed) for variant in chosen}
     options = options or GalleryOptions()
     jobs, size, seed = options.jobs, options.photo_size, options.seed
     # If no number of threads is given, the processes share the cores.
@@ -119,9 +115,9 @@ def build_gallery(
     }  # fmt: skip
 
     def task_of(photo: ListedPhoto, variant: Variant | None = None) -> Task:
-        page = f"{_PHOTOS}/{photo.slug}"
+        page = f"photos/{photo.slug}"
         folder = f"{page}/{variant.slug}" if variant else page
-        page_photo = root / page / run.PHOTO
+        page_photo = root / page / "photo.webp"
         parameters = {
             "folder": str(root / folder), "page_photo": str(page_photo), "photo_size": size,
             "options": run_options, "peer_timeout": options.peer_timeout,
@@ -134,11 +130,11 @@ def build_gallery(
             parameters |= {"file": entry["file"], "numbers": entry["numbers"]}
             dependencies += (entry["digest"], entry["numbers"])
         columns = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
-        file = root / folder / run.PICTURE if variant else page_photo
+        file = root / folder / "picture.svg" if variant else page_photo
         return Task(photo, variant, parameters, dependencies, columns, file)
 
     plan = {task_of(photo): [task_of(photo, variant) for variant in chosen] for photo in listed}
-    grid = Grid(root / _RECORDS, [*plan, *chain(*plan.values())], progress)
+    grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], progress)
 
     def write() -> Gallery:
         call = f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
@@ -173,14 +169,14 @@ def _folder(directory: str | os.PathLike[str]) -> Path:
     that is not part of a gallery.
     """
     root = output_folder(directory, ())
-    is_ours = (root / _RECORDS).exists()
-    for name in (*_OUTPUTS, _PHOTOS, _ASSETS):
+    is_ours = (root / "gallery.jsonl").exists()
+    for name in (*_OUTPUTS, "photos", "assets"):
         if not is_ours and os.path.lexists(root / name):
             line = "exists and is not part of a gallery, so it is kept. Try another folder"
             raise OutputError(f"{root / name} {line}")
-    output_folder(root, (_RECORDS, *_OUTPUTS))
-    (root / _RECORDS).touch()
-    for name in (_PHOTOS, _ASSETS):
+    output_folder(root, ("gallery.jsonl", *_OUTPUTS))
+    (root / "gallery.jsonl").touch()
+    for name in ("photos", "assets"):
         make_folder(root / name)
     return root
 
@@ -219,8 +215,8 @@ def write_pages(
         ],
     }
     # A gallery of photos alone has no columns for areas, lines and nodes.
-    in_any = {key for row in rows for key in run.COUNTS if row[key]} | {"gaussians"}
-    parts = {key: name for key, name in run.COUNTS.items() if key in in_any}
+    in_any = {key for row in rows for key in COUNTS if row[key]} | {"gaussians"}
+    parts = {key: name for key, name in COUNTS.items() if key in in_any}
     scores = [s for s in SCORES if s.always or any(row[s.key] is not None for row in rows)]
     versions = {version for report in reports for version in report.get("versions", {}).items()}
     versions |= {
@@ -232,7 +228,7 @@ def write_pages(
         (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
         for row in rows
     )
-    environment = chart.template_environment("gauss2svg.compare.pages")
+    environment = chart.template_environment()
     environment.globals |= {
         **document,
         "variants": variants, "main": main_variant(variants), "results": results,
@@ -246,15 +242,15 @@ def write_pages(
         html = environment.get_template(f"{template}.html.jinja")
         return html.render(page=template, root=folder, **more).encode()
 
-    static = files("gauss2svg.compare.pages") / "static"
+    static = files("gauss2svg.compare") / "static"
     contents: dict[str | os.PathLike[str], bytes] = {
-        root / _DATA: as_json(document),
-        root / _TABLE: csv_text(rows).encode(),
-        **{root / f"{name}.html": page(name) for name in _PAGES},
-        **{root / _ASSETS / file.name: file.read_bytes() for file in static.iterdir()},
+        root / "gallery.json": as_json(document),
+        root / "gallery.csv": csv_text(rows).encode(),
+        **{root / f"{name}.html": page(name) for name in ("index", "trade-off", "how")},
+        **{root / "assets" / file.name: file.read_bytes() for file in static.iterdir()},
     }
     for before, result, after in zip([None, *results], results, [*results[1:], None], strict=False):
-        path = root / result["folder"] / _INDEX
+        path = root / result["folder"] / "index.html"
         contents[path] = page("photo", "../../", result=result, previous=before, next=after)
     write_all_atomically(contents)
     return document
@@ -267,12 +263,12 @@ def _svg(photo: Row, record: Row, variant: Variant) -> Row:
     that the scripts of the pages read.
     """
     report, folder = record["report"], record["folder"]
-    names = {"SVG": run.PICTURE, "report": run.REPORT}
-    names |= {"scene": run.SCENE, "outlines": run.OUTLINES} if variant.is_own else {}
+    names = {"SVG": "picture.svg", "report": "report.json"}
+    names |= {"scene": "scene.npz", "outlines": "outlines.svg"} if variant.is_own else {}
     numbers = {name: report.get(name) for name in NUMBERS}
     row = {
         "photo": photo["image"],
-        "page": f"{photo['folder']}/{_INDEX}",
+        "page": f"{photo['folder']}/index.html",
         "variant": variant.name,
         "tool": variant.tool,
         "tool_version": variant.version,
@@ -288,7 +284,7 @@ def _svg(photo: Row, record: Row, variant: Variant) -> Row:
     }
     count, elements = report.get("gaussians"), chart.whole(report.get("elements"))
     texts = {
-        **{key: chart.whole(numbers[key]) for key in run.COUNTS},
+        **{key: chart.whole(numbers[key]) for key in COUNTS},
         "shapes": f"{elements} elements" if count is None else chart.whole(count),
         "svg_bytes": chart.size(report["svg_bytes"]),
         "total_s": chart.seconds(numbers["total_s"]),
@@ -308,11 +304,12 @@ def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
     Medians and totals leave out missing numbers, such as the infinite PSNR of an exact SVG.
     """
     summary = []
+    keys = (*COUNTS, "svg_bytes", "svgz_bytes", "total_s", *(score.key for score in SCORES))
     for variant in variants:
         own = [row for row in rows if row["variant"] == variant.name]
-        values = {name: [row[name] for row in own if row[name] is not None] for name in _MEDIANS}
+        values = {name: [row[name] for row in own if row[name] is not None] for name in keys}
         medians = {f"median_{n}": statistics.median(v) if v else None for n, v in values.items()}
-        totals = {f"total_{name}": sum(values[name]) for name in _TOTALS}
+        totals = {f"total_{name}": sum(values[name]) for name in ("svg_bytes", "total_s")}
         summary += [{"variant": variant.name, "photos": len(own), **medians, **totals}] * bool(own)
     return summary
 
