@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from gauss2svg.scene.areas import Area, Color, Outline
 
 if TYPE_CHECKING:  # all runs import this module, and few need the kernels
-    from gauss2svg.areas.kernels import Bools, Floats, Ints
+    from gauss2svg.areas.arrays import Bools, Floats, Ints
 
 MOST_COLORS, CELLS_EACH = 128, 4  # colours of a sprite, and the mean number of cells of each
 MOST_CHANGES = 2**15  # pairs of neighbouring cells that differ. The file then has up to 290 kB

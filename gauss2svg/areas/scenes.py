@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.evened import without_shading
+from gauss2svg.areas.clean import without_shading
 from gauss2svg.areas.find import (
     LEAST_OPACITY,
     RATE,

@@ -122,7 +122,7 @@ def _light_of(small: Values) -> Values | None:
     """Return the light (h, w, 3) of uneven paper, or None if the picture shows none."""
     from scipy import ndimage
 
-    from gauss2svg.areas.masks import dilated
+    from gauss2svg.areas.arrays import dilated
 
     side, luma = max(small.shape), portable.product(small, LUMA)
     smooth: Any = smoothed(luma, 1)
@@ -159,7 +159,7 @@ def _is_ink(darkness: Values, noise: float, ink: float) -> bool:
     """Return whether what is dark is the ink of a sketch: dark, thin, and clear of the paper."""
     from scipy import ndimage
 
-    from gauss2svg.areas.masks import dilated
+    from gauss2svg.areas.arrays import dilated
 
     is_ink, dirt = darkness > ink / 2, max(NOISES * noise, DIRT)
     if ink < LEAST_INK:
@@ -178,7 +178,7 @@ def _covered(darkness: Values, noise: float, ink: float) -> Values:
     """Return the share (h, w) of each pixel that ink covers, with crisp edges."""
     from scipy import ndimage
 
-    from gauss2svg.areas.masks import parts_of
+    from gauss2svg.areas.arrays import parts_of
 
     highest: Any = ndimage.maximum_filter(darkness, 2 * NEAR + 1)
     own: Any = smoothed(highest, 1)

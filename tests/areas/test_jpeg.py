@@ -5,7 +5,7 @@ import pytest
 from test_clean import as_jpeg, enlarged
 from test_find import DRAWINGS, drawn
 
-from gauss2svg.areas.jpeg import coded, decoded, quality_of
+from gauss2svg.areas.clean import coded, decoded, quality_of
 
 PICTURE = drawn(DRAWINGS["discs in discs"])
 
