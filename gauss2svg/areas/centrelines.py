@@ -20,7 +20,6 @@ from gauss2svg import portable
 from gauss2svg.areas.arrays import Bools, Floats, Ints, parts_of
 
 CLEAR = 2.0  # px, and half a width, within which a skeleton is distorted by a junction
-NEAR = 1.5  # px, and half a width, within which two junctions are one
 BESIDE = 1.75  # px beyond half a width in which the middle of a line is looked for
 SPURS, TIP, TAPER = 1.3, 4.8, 0.5  # lengths of spurs in half widths, and how much a tip tapers
 STRAIGHT_RAD, CROSSING_RAD = 0.8, 0.7  # largest turn of a line at a junction and at a crossing
@@ -95,8 +94,6 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
             k = at[0] or at[1]
             junctions[k] = junctions[k]._replace(has_spur=True)
     branches, ends = [branches[i] for i in kept], [ends[i] for i in kept]
-    merged = _merge_near(branches, ends, junctions)
-    branches, ends = [branches[i] for i in merged], [ends[i] for i in merged]
     branches = [
         _cleared(branch, at, junctions, half, share)
         for branch, at in zip(branches, ends, strict=True)
@@ -244,34 +241,6 @@ def _cleared(
     return points
 
 
-def _merge_near(
-    branches: list[Floats], ends: list[list[int]], junctions: dict[int, Junction]
-) -> list[int]:
-    """Make one junction of those that are as near as a skeleton may be off.
-
-    Return the indices of the branches that are left. `ends` and `junctions` are changed.
-    """
-    kept = []
-    for i, branch in enumerate(branches):
-        a, b = ends[i]
-        if a and b and len(branch) <= max(junctions[k].radius for k in (a, b)) + NEAR + 1:
-            if a != b:
-                _merge(a, b, ends, junctions)
-        else:
-            kept.append(i)
-    return kept
-
-
-def _merge(a: int, b: int, ends: list[list[int]], junctions: dict[int, Junction]) -> None:
-    """Make junction b a part of junction a."""
-    one, other = junctions[a], junctions.pop(b)
-    places = np.concatenate([one.places, other.places])
-    radius = max(one.radius, other.radius)
-    junctions[a] = Junction(places, radius, one.has_spur or other.has_spur)
-    for at in ends:
-        at[:] = [a if k == b else k for k in at]
-
-
 def _ray(branch: Floats, width: float) -> Ray:
     """Return how a branch leaves the junction at its first point."""
     arm = min(int(5 + width), len(branch) - 1)
@@ -336,7 +305,12 @@ def _join_crossings(
                 used |= {p, q}
         if len(used) >= 4:
             bridges.update(between)
-            _merge(a, b, ends, junctions)
+            del junctions[b]
+            places = np.concatenate([one.places, other.places])
+            radius = max(one.radius, other.radius)
+            junctions[a] = Junction(places, radius, one.has_spur or other.has_spur)
+            for at in ends:
+                at[:] = [a if k == b else k for k in at]
     return bridges
 
 

@@ -27,18 +27,8 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg import portable
-from gauss2svg.areas.arrays import (
-    BLOCK,
-    LEVEL,
-    Bools,
-    Floats,
-    Ints,
-    dilated,
-    distance_to,
-    parts_of,
-    pixels_of,
-    widened,
-)
+from gauss2svg.areas import arrays
+from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Floats, Ints, dilated
 from gauss2svg.areas.paint import GOOD, paint_of
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blocks, renamed
 from gauss2svg.core import Kernel
@@ -170,7 +160,7 @@ def _evened(
                 colors = np.vstack([colors, color[None]])
             new = np.broadcast_to(color, own.shape)
         else:
-            ys, xs = pixels_of(inside, box)
+            ys, xs = arrays.pixels_of(inside, box)
             paint = paint_of(pixels, ys, xs)
             new = product(paint.at(xs, ys), LUMA.T.astype(np.float32))
             if not paint.is_shaded or np.abs(own - new).mean() > SHADED * most[0] + LEVEL:
@@ -301,9 +291,9 @@ def with_even_photos(pixels: Floats, cores: Ints) -> Floats:
     if not photo.any():
         return pixels
     result = pixels.copy()
-    part, boxes = parts_of(photo)
+    part, boxes = arrays.parts_of(photo)
     for k, tight in enumerate(boxes, 1):
-        box = widened(tight, 1, photo.shape)
+        box = arrays.widened(tight, 1, photo.shape)
         inside, values = part[box] == k, pixels[box]
         color = values[inside].mean(axis=0, dtype=np.float64).astype(pixels.dtype)
         result[box][inside] = color
@@ -331,7 +321,7 @@ def textured(pixels: Floats, cores: Ints) -> Bools:
     # An exact pixel has exact neighbours, so that those of a block have exact values up to its rim.
     is_exact: Any = ndimage.binary_erosion(bend_of(pixels) <= EXACT, BLOCK, border_value=1)
     rough = ~dilated(is_exact, CLEAN // 2)
-    part, _ = parts_of(_opened(rough, WINDOW) | seeds)
+    part, _ = arrays.parts_of(_opened(rough, WINDOW) | seeds)
     sizes, seed_sizes = (np.bincount(part[m], minlength=part.max() + 1) for m in (part > 0, seeds))
     names = np.flatnonzero(seed_sizes > SEED_SHARE * sizes)
     whole = np.isin(part, np.intersect1d(names, part[_opened(part > 0, LEAST)]))
@@ -355,7 +345,7 @@ def _between(values: Floats, rim: Bools, inside: Bools, others: Bools) -> tuple[
 
     These are the nearest pixel of `inside`, and the nearest one of `others`.
     """
-    own, other = (tuple(distance_to(mask)[1][:, rim]) for mask in (inside, others))
+    own, other = (tuple(arrays.distance_to(mask)[1][:, rim]) for mask in (inside, others))
     way = values[own] - values[other]
     along = ((values[rim] - values[other]) * way).sum(axis=1)
     return own, other, np.clip(along / np.maximum((way**2).sum(axis=1), 1e-6), 0, 1)
@@ -376,10 +366,10 @@ def without_shading(pixels: Floats) -> Floats:
         differs = np.abs(np.diff(pixels, axis=axis)).max(axis=2) > SMOOTH
         is_edge[first] |= differs
         is_edge[last] |= differs
-    part, boxes = parts_of(~is_edge)
+    part, boxes = arrays.parts_of(~is_edge)
     result = pixels.astype(np.float32, copy=True)
     for k, tight in enumerate(boxes, 1):
-        ys, xs = pixels_of(part[tight] == k, tight)
+        ys, xs = arrays.pixels_of(part[tight] == k, tight)
         if len(ys) < 40:
             continue
         values = pixels[ys, xs]
@@ -393,7 +383,7 @@ def without_shading(pixels: Floats) -> Floats:
         change[ys, xs] = even - values
         if np.abs(change[ys, xs]).max() < GOOD:
             continue
-        box = widened(tight, RIM + 1, part.shape)
+        box = arrays.widened(tight, RIM + 1, part.shape)
         change, inside, parts = change[box], part[box] == k, part[box] > 0
         others, rim = parts & ~inside, dilated(inside, RIM) & ~parts
         if others.any():

@@ -11,23 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
+from gauss2svg.areas import clean, lines, merge, outlines, regions, thin
 from gauss2svg.areas.arrays import Bools, Floats, Ints
-from gauss2svg.areas.clean import with_even_photos, without_shading
-from gauss2svg.areas.lines import grouped, take_lines, with_sure_widths
-from gauss2svg.areas.merge import merged, with_caps, without_cheap
-from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
-from gauss2svg.areas.paint import Paint, Palette, join_parts_of_gradients, paints_of
+from gauss2svg.areas.paint import Paint, Palette, paints_of
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.areas.regions import (
-    Shares,
-    cores_of,
-    grown,
-    join_touching,
-    masks_of,
-    shares_of,
-    without_edge_shades,
-)
-from gauss2svg.areas.thin import add_letters, add_thin_regions
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
 RATE = 0.0012  # squared error that a byte of an area must save
@@ -94,7 +81,7 @@ def find_areas(
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
     drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
     drawing.focus = focus
-    drawing = drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
+    drawing = drawing.with_layers(merge.without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
     find_s = time.perf_counter() - started
     return refined(drawing, rate, unit, progress, STEPS, find_s)
 
@@ -130,10 +117,10 @@ def refined(
 
     refine(steps)
     for _ in range(2):
-        drawing = drawing.with_layers(merged(drawing, unit, rate))
+        drawing = drawing.with_layers(merge.merged(drawing, unit, rate))
         refine(later)
-    drawing = drawing.with_layers(without_cheap(drawing, unit, rate))
-    drawing = drawing.with_layers(with_caps(drawing, rate))
+    drawing = drawing.with_layers(merge.without_cheap(drawing, unit, rate))
+    drawing = drawing.with_layers(merge.with_caps(drawing, rate))
     refine(later)
     return so_far()
 
@@ -162,50 +149,51 @@ def first_drawing(
     poll  function that is called often. An exception ends the search
     """
     poll()
-    cores, count = cores_of(picture)
-    pixels = with_even_photos(picture, cores)
+    cores, count = regions.cores_of(picture)
+    pixels = clean.with_even_photos(picture, cores)
     if shaded:
-        pixels = without_shading(pixels)
+        pixels = clean.without_shading(pixels)
     if pixels is not picture:
-        cores, count = cores_of(pixels)
+        cores, count = regions.cores_of(pixels)
     poll()
-    cores, count = without_edge_shades(pixels, cores, count)
+    cores, count = regions.without_edge_shades(pixels, cores, count)
     poll()
     if most_cores is not None and count > most_cores:
         raise NoDrawingError
     if not count:  # no two pixels are alike
         return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [], picture=picture)
     paints = paints_of(pixels, cores, count)
-    join_parts_of_gradients(pixels, cores, paints)
     poll()
-    labels = grown(pixels, cores)
+    labels = regions.grown(pixels, cores)
     palette = Palette.of(paints)
-    shares = shares_of(pixels, cores, labels, palette)
-    letter_ground = add_letters(pixels, cores, labels, shares, paints)
+    shares = regions.shares_of(pixels, cores, labels, palette)
+    letter_ground = thin.add_letters(pixels, cores, labels, shares, paints)
     palette = Palette.of(paints)
     poll()
-    add_thin_regions(pixels, cores, labels, shares, paints, palette)
+    thin.add_thin_regions(pixels, cores, labels, shares, paints, palette)
     glance(*error_and_edges_of(picture, shares, paints))
-    weight_at = contrast_of(pixels)
-    lines = take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground, poll)
-    lines = with_sure_widths(pixels, cores, lines, paints)
-    labels = join_touching(shares, paints)
+    weight_at = outlines.contrast_of(pixels)
+    strokes = lines.take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground, poll)
+    strokes = lines.with_sure_widths(pixels, cores, strokes, paints)
+    labels = regions.join_touching(shares, paints)
     opacity = np.array([opacity_of(paint.color) for paint in paints])
     ground = ground_of(labels, paints, opacity)
     is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)
     is_opaque = opacity > 1 - 2 * LEAST_OPACITY
     layers, curve_rate = [], min(rate, RATE)  # coarse first curves would be refined less well
-    for region, share, box in masks_of(labels, shares, len(paints), is_ground, ~is_opaque):
+    for region, share, box in regions.masks_of(labels, shares, len(paints), is_ground, ~is_opaque):
         poll()
-        contours = contours_of(share, box, pixels.shape)
-        if paths := [first_path(c, weight_at, unit, curve_rate) for c in contours]:
+        contours = outlines.contours_of(share, box, pixels.shape)
+        if paths := [outlines.first_path(c, weight_at, unit, curve_rate) for c in contours]:
             layers.append(Layer(region, paths))
-    layers += grouped(lines, paints)
+    layers += lines.grouped(strokes, paints)
     paints = with_opacity(paints, opacity, is_opaque)
     return Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
 
 
-def error_and_edges_of(picture: Floats, shares: Shares, paints: list[Paint]) -> tuple[float, int]:
+def error_and_edges_of(
+    picture: Floats, shares: regions.Shares, paints: list[Paint]
+) -> tuple[float, int]:
     """Return the squared error of the paints of regions, and the number of px between regions."""
     colors, error = np.array([paint.color for paint in paints], np.float32), 0.0
     shaded = [k for k, paint in enumerate(paints) if paint.is_shaded]

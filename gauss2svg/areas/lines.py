@@ -18,31 +18,11 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg import portable
-from gauss2svg.areas.arrays import (
-    LEVEL,
-    Bools,
-    Box,
-    Floats,
-    Ints,
-    dilated,
-    distance_to,
-    parts_of,
-    pixels_of,
-    widened,
-)
+from gauss2svg.areas import arrays, outlines
+from gauss2svg.areas.arrays import LEVEL, Bools, Box, Floats, Ints, dilated, parts_of
 from gauss2svg.areas.centrelines import STEP, Chain, chains_of
 from gauss2svg.areas.merge import rounded
-from gauss2svg.areas.outlines import (
-    Path,
-    Weights,
-    contours_of,
-    first_path,
-    fitted_path,
-    lengths_of,
-    resampled,
-    turns_of,
-    with_corners,
-)
+from gauss2svg.areas.outlines import Path, Weights, lengths_of
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Shares
@@ -133,13 +113,13 @@ def take_lines(
             taken[part.box][own] = name
             is_gone[part.box] |= part.share > 0
     for part in gone:
-        box = widened(part.box, UNDER - MARGIN, is_gone.shape)
+        box = arrays.widened(part.box, UNDER - MARGIN, is_gone.shape)
         near = largest[box]
         is_left_out = is_gone[box] | np.isin(near, part.names)
         if not is_left_out.all():
-            _, nearest = distance_to(~is_left_out)
+            _, nearest = arrays.distance_to(~is_left_out)
             near = near[tuple(nearest)]
-        ys, xs = pixels_of(part.share > 0, part.box)
+        ys, xs = arrays.pixels_of(part.share > 0, part.box)
         _release(shares, (ys, xs), part.names, near[ys - box[0].start, xs - box[1].start])
     return lines
 
@@ -177,7 +157,7 @@ def parts_between(
     label, boxes = parts_of(thin > SEEN)
     parts = []
     for q, tight in enumerate(boxes, 1):
-        box = widened(tight, MARGIN, share.shape)
+        box = arrays.widened(tight, MARGIN, share.shape)
         own = np.where(label[box] == q, thin[box], 0)
         if own.sum() >= LEAST_SHARE:
             parts.append(Part([*names], own, thick[box], box, is_wide))
@@ -195,7 +175,7 @@ def _thick(share: Floats, radius: float) -> Bools:
     opened: Any = ndimage.binary_opening(solid, disc)
     part, boxes = parts_of(opened)
     for q, box in enumerate(boxes if radius == WIDE else (), 1):
-        wide = widened(box, 4, solid.shape)
+        wide = arrays.widened(box, 4, solid.shape)
         own = part[wide] == q
         inner: Any = ndimage.distance_transform_edt(np.pad(solid[wide], 1))
         inner = inner[1:-1, 1:-1]
@@ -221,8 +201,10 @@ def _chosen(
     length = float(sum(lengths_of(path.segments).sum() for path, _ in strokes))
     if _error(as_lines, part) > NO_LINE * length:
         return []
-    contours = contours_of(part.share, part.box, pixels.shape)
-    as_areas = [Layer(0, [first_path(c, weight_at, unit, rate) for c in contours])] * bool(contours)
+    contours = outlines.contours_of(part.share, part.box, pixels.shape)
+    as_areas = [Layer(0, [outlines.first_path(c, weight_at, unit, rate) for c in contours])] * bool(
+        contours
+    )
 
     def fitted_and_cost(layers: list[Layer], tag: float) -> tuple[list[Layer], float]:
         """Return layers that are refined a little, in the box of the part, and their cost."""
@@ -266,10 +248,10 @@ def strokes_of(
     for chain, points in zip(chains, lines, strict=True):
         if chain.width >= 1.2 * widest:
             continue
-        points = resampled(points, STEP, chain.closed) + part.corner
-        corners = turns_of(points, TURN_RAD, chain.closed)
-        points, corners = with_corners(points, corners, chain.closed, cut=5)
-        path = fitted_path(points, corners, weight_at, unit, rate, chain.closed)
+        points = outlines.resampled(points, STEP, chain.closed) + part.corner
+        corners = outlines.turns_of(points, TURN_RAD, chain.closed)
+        points, corners = outlines.with_corners(points, corners, chain.closed, cut=5)
+        path = outlines.fitted_path(points, corners, weight_at, unit, rate, chain.closed)
         strokes.append((path, chain.width))
     return strokes
 

@@ -16,17 +16,8 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg import portable
-from gauss2svg.areas.arrays import (
-    BLOCK,
-    LEVEL,
-    Bools,
-    Box,
-    Floats,
-    Ints,
-    dilated,
-    distance_to,
-    widened,
-)
+from gauss2svg.areas import arrays
+from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Box, Floats, Ints
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
@@ -121,18 +112,18 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
     for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
         if box is None:
             continue
-        near = widened(box, 3, labels.shape)
+        near = arrays.widened(box, 3, labels.shape)
         inside = labels[near] == k
         if ndimage.binary_erosion(inside, BLOCK, border_value=1).any():
             continue
-        ring = dilated(inside, 2) & ~inside
+        ring = arrays.dilated(inside, 2) & ~inside
         beside, counts = np.unique(labels[near][ring & (labels[near] >= 0)], return_counts=True)
         beside = beside[counts > 0.12 * counts.sum()]
         # All that is beside it must have nearly one colour.
         if not len(beside) or np.abs(median[beside] - median[beside[0]]).max() > 0.1:
             continue
         ground, shade = median[beside[0]], median[k] - median[beside[0]]
-        wide = labels[widened(box, 27, labels.shape)]
+        wide = labels[arrays.widened(box, 27, labels.shape)]
         others = median[np.unique(wide[wide >= 0])]
         for colors, most, least in ((pixels[near][ring], 0.93, 2), (others, 0.9, 1)):
             axis = colors - ground
@@ -225,7 +216,7 @@ def masks_of(
     area = np.zeros(count)
     for k, tight in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
         if tight is not None and not is_ground[k]:
-            box = widened(tight, 2 + REACH, labels.shape)
+            box = arrays.widened(tight, 2 + REACH, labels.shape)
             boxes[k], filled[k] = box, np.asarray(ndimage.binary_fill_holes(labels[box] == k))
             area[k] = filled[k].sum()
     order = [int(k) for k in np.argsort(-area, kind="stable") if area[k]]
@@ -238,15 +229,15 @@ def masks_of(
         body, share = near == k, shares.of(k, box)
         above = [j for j in np.unique(near) if rank[j] > rank[k] and not is_open[j]]
         held = [j for j in above if whole[near == j].all()]
-        beside = np.unique(near[dilated(body, 1, None)])
+        beside = np.unique(near[arrays.dilated(body, 1, None)])
         others = [j for j in above if j in beside and j not in held]
         if held or others:
             over, under = shares.of(np.array(held + others), box), np.isin(near, held)
-            under |= dilated(body, REACH, None) & np.isin(near, others)
+            under |= arrays.dilated(body, REACH, None) & np.isin(near, others)
             partly = (share > 0) & ~under
             opening = is_open[near]
             if opening.any():
-                under &= distance_to(body)[0] <= distance_to(opening)[0]
+                under &= arrays.distance_to(body)[0] <= arrays.distance_to(opening)[0]
             # What shows the ground through what is above the region must not show the region.
             share = np.where(
                 under,
