@@ -26,8 +26,7 @@ def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
 
 def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bools:
     """Return a mask with the neighbours of its pixels. With None, these are four for each."""
-    result: Any = ndimage.binary_dilation(mask, block, iterations)
-    return result
+    return np.asarray(ndimage.binary_dilation(mask, block, iterations))
 
 
 def pixels_of(mask: Bools, box: Box) -> tuple[Ints, Ints]:

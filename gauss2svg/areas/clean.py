@@ -39,7 +39,6 @@ LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.
 EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
 UNEVEN = 1.01 * LEVEL  # larger second differences do not come from rounding
 NOISY = 0.17  # share of uneven pixels beside edges. Clean drawings have at most .11, JPEG over .2
-QUANTILE, SPREAD = 0.8, 2.4  # quantile of uneven second differences, and its ratio to the noise
 LEAST_NOISE = 0.8 * LEVEL  # noise of pixels that are far from edges
 FULL_NOISE = 60 * LEVEL  # contrast beside which noise of luma has its full height
 # Noise of colour differences is at least that of luma, and this share of their contrast nearby,
@@ -51,11 +50,8 @@ BLEEDING, UNBLED = 0.08, 0.02
 FLAT, JOINED = 1.3, 1.5  # largest differences in a block of one core, and of its neighbours
 BEND, STEEP = 1.0, 3.0  # largest second and first differences in a block that is evenly shaded
 EVEN, MOST_OFF = 2.0, 0.15  # an even core has at most this share of pixels that differ more
-SAME = 1.5  # difference of the colours of cores that become one
-SURE = 8.0  # px; side of a core whose mean has the noise of a pixel, and larger ones less
-SHADED = 0.7  # mean difference from a gradient that draws a core
+SAME, SHADED = 1.5, 0.7  # differences of colours that become one, and from a core's gradient
 OFF = 1.5  # a pixel that differs more is no part of its core
-MOST_COLORS = 16  # colours of even cores that are tried in mixtures anywhere
 
 _average_alike = Kernel("average_alike", "int int float32 float32 float32")
 _mix_cores = Kernel("mix_cores", "int int float32 float32 int32 int float32 float32 float32")
@@ -78,7 +74,8 @@ def noise_of(pixels: Floats) -> float:
         return 0.0
     if textured(pixels, cores_of(pixels)[0]).any():
         return 0.0
-    return max(float(np.quantile(uneven, QUANTILE)) / SPREAD, LEAST_NOISE)
+    # This quantile of uneven second differences is 2.4 times the noise.
+    return max(float(np.quantile(uneven, 0.8)) / 2.4, LEAST_NOISE)
 
 
 def _contrast(values: Floats) -> Floats:
@@ -111,7 +108,7 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
         colors = _evened(pixels, values, smooth, local, more, colors)
         cores = np.where(more >= 0, more + cores.max() + 1, cores)
     result = smooth.copy()
-    colors = colors[:MOST_COLORS].astype(np.float32)
+    colors = colors[:16].astype(np.float32)  # those that are tried in mixtures anywhere
     _mix_cores(*cores.shape, values, smooth, cores, len(colors), colors, local, result)
     back = portable.solve(LUMA, np.eye(3)).T.astype(np.float32)
     return np.clip(product(result, back), 0, 1)
@@ -148,8 +145,8 @@ def _evened(
         color = (inner * near).sum(axis=0) / np.maximum(near.sum(axis=0), 1)
         noise, own = local[box][inside], smooth[box][inside]
         size = len(own)
-        # This share of the noise is left in the mean of a core.
-        share = min(1.0, SURE / math.sqrt(size))
+        # This share of the noise is left in the mean of a core of more than 8 x 8 pixels.
+        share = min(1.0, 8 / math.sqrt(size))
         most = noise.mean(axis=0)
         off = np.abs(own - color) > EVEN * share * most + 2 * LEVEL
         if np.count_nonzero(off.any(axis=1)) <= MOST_OFF * size:
@@ -175,10 +172,9 @@ def _evened(
     return colors
 
 
-# A picture was enlarged if the quantile CRISPEST of the largest step of an edge, as a share of its
+# A picture was enlarged if the quantile .8 of the largest step of an edge, as a share of its
 # contrast, is at most NARROW. Clean drawings have at least .74, and JPEGs of quality 75 .64.
-CRISPEST, NARROW = 0.8, 0.6
-ONE_STEP = 0.86  # the quantile in pictures that were not enlarged
+NARROW = 0.6
 
 
 def enlargement_of(pixels: Floats) -> float:
@@ -207,8 +203,9 @@ def enlargement_of(pixels: Floats) -> float:
     # Fewer edges, or a smaller share of all steep places, tell nothing: they may be sides of lines.
     if len(shares) < max(20, 0.25 * steep):
         return 1.0
-    share = float(np.quantile(shares, CRISPEST))
-    return 1.0 if share > NARROW else min(round(2 * ONE_STEP / share) / 2, 2.0)
+    share = float(np.quantile(shares, 0.8))
+    # In pictures that were not enlarged, it is .86.
+    return 1.0 if share > NARROW else min(round(2 * 0.86 / share) / 2, 2.0)
 
 
 # Least mean cosine of the phases of coefficients in their steps, in standard deviations of random
@@ -279,9 +276,6 @@ def _jpeg(levels: Any, quality: int, **options: str) -> Any:
 CLEAN = 5  # px; width of a block of one colour. Smaller ones also occur in noise
 SEED = 33  # px; text, hatching and the waves of JPEG leave no larger square without such a block
 WINDOW, LEAST = 17, 65  # px; widths of squares that make up a part, and of one that it must have
-MOST_OUTSIDE = 0.3  # largest share of exact blocks in a core that belongs to a textured part
-# Least share of a part in squares of SEED px. Where noise is faint, areas are found.
-SEED_SHARE = 0.2
 EXACT = 1.1 * LEVEL  # largest second difference of values that are only rounded
 
 
@@ -323,14 +317,15 @@ def textured(pixels: Floats, cores: Ints) -> Bools:
     rough = ~dilated(is_exact, CLEAN // 2)
     part, _ = arrays.parts_of(_opened(rough, WINDOW) | seeds)
     sizes, seed_sizes = (np.bincount(part[m], minlength=part.max() + 1) for m in (part > 0, seeds))
-    names = np.flatnonzero(seed_sizes > SEED_SHARE * sizes)
+    # Where noise is faint, fewer squares are seeds, and areas are found.
+    names = np.flatnonzero(seed_sizes > 0.2 * sizes)
     whole = np.isin(part, np.intersect1d(names, part[_opened(part > 0, LEAST)]))
     # The squares leave out corners of a part that is turned or round.
     result: Any = ndimage.binary_dilation(whole, BLOCK, WINDOW // 2, _opened(rough, CLEAN))
     # A core is in or out as a whole, so that a photo has no holes, and letters on it none either.
     sizes = np.bincount(cores[cores >= 0])
     outside = np.bincount(cores[(cores >= 0) & ~result], minlength=len(sizes))
-    is_inside = outside <= MOST_OUTSIDE * sizes
+    is_inside = outside <= 0.3 * sizes
     return np.where(cores < 0, result, is_inside[cores]) if len(sizes) else result
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gauss2svg import portable
 from gauss2svg.areas import clean, lines, merge, outlines, regions, thin
 from gauss2svg.areas.arrays import Bools, Floats, Ints
-from gauss2svg.areas.paint import Paint, Palette, paints_of
+from gauss2svg.areas.paint import Paint, Palette, join_parts_of_gradients, paints_of
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
@@ -103,7 +103,13 @@ def refined(
     whole, done = steps + 3 * later, 0
 
     def so_far() -> FoundAreas:
-        return areas_of(drawing, find_s, refine_s + time.perf_counter() - started)
+        """Return the areas as they are now."""
+        areas, background = shown_areas(drawing)
+        error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
+        explained = float((3 * error <= 0.01).mean())
+        psnr = -10 * portable.log10(max(float(error.mean()), 1e-12))
+        taken_s = refine_s + time.perf_counter() - started
+        return FoundAreas(areas, background, explained, psnr, find_s, taken_s, drawing)
 
     def refine(count: int) -> None:
         nonlocal done
@@ -163,6 +169,7 @@ def first_drawing(
     if not count:  # no two pixels are alike
         return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [], picture=picture)
     paints = paints_of(pixels, cores, count)
+    join_parts_of_gradients(pixels, cores, paints)
     poll()
     labels = regions.grown(pixels, cores)
     palette = Palette.of(paints)
@@ -244,15 +251,6 @@ def with_opacity(paints: list[Paint], opacity: Floats, is_opaque: Bools) -> list
             over_black = np.tile(paint.color[:3], 2)
             new[id(paint)] = Paint(over_black, opacity=max(float(alpha), LEAST_OPACITY))
     return [new.get(id(paint), paint) for paint in paints]
-
-
-def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
-    """Return the areas of a drawing as they are now."""
-    areas, background = shown_areas(drawing)
-    error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
-    explained = float((3 * error <= 0.01).mean())
-    psnr = -10 * portable.log10(max(float(error.mean()), 1e-12))
-    return FoundAreas(areas, background, explained, psnr, find_s, refine_s, drawing)
 
 
 def shown_areas(drawing: Drawing) -> tuple[tuple[Area, ...], tuple[float, float, float] | None]:

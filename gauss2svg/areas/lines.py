@@ -31,19 +31,13 @@ from gauss2svg.areas.thin import MOST_PARTS, PURE, SAME_COLOR, inside_of
 # Px. A disc of radius THICK fits into no narrow part. One of radius WIDE fits into a wide part only
 # where lines cross.
 THICK, WIDE = 2.4, 3.2
-# Largest radius of a disc where lines cross, in their widths, and the largest area of a crossing,
-# in squares of this radius
-CROSSING, CROSSING_AREA = 0.85, 8.0
+CROSSING = 0.85  # largest radius of a disc where lines cross, in their widths
 WIDEST = 5.6  # px; the largest width of a line
 SEEN = 0.12  # least share of a pixel in a part
-MARGIN = 3  # px of a part's box around it
-UNDER = 8  # px around a line within which the region that lies under it is looked for
 LEAST_SHARE = 4.0  # px^2 of a part
 # Px, share of a width, and px^2 divided by the length, by which equal widths differ
 ALIKE_WIDTHS, ALIKE_SHARE, ALIKE_ENDS = 0.05, 0.02, 1.5
 TURN_RAD = np.radians(38)  # least turn at a corner of a centreline
-# Size of tags, as far as parts do not share them
-BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0
 # Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
 # must cost less by this factor. Wide parts, such as bars, are more often no lines.
 LINE_PRIOR, WIDE_PRIOR = 2.0, 1.0
@@ -113,7 +107,8 @@ def take_lines(
             taken[part.box][own] = name
             is_gone[part.box] |= part.share > 0
     for part in gone:
-        box = arrays.widened(part.box, UNDER - MARGIN, is_gone.shape)
+        # The region that lies under a line is within 8 px of it.
+        box = arrays.widened(part.box, 5, is_gone.shape)
         near = largest[box]
         is_left_out = is_gone[box] | np.isin(near, part.names)
         if not is_left_out.all():
@@ -152,12 +147,15 @@ def _thin_parts(shares: Shares, paints: list[Paint], letter_ground: Ints) -> lis
 def parts_between(
     share: Floats, thick: Bools, names: Sequence[int] = (), is_wide: bool = False
 ) -> list[Part]:
-    """Return the connected parts of the share (h, w) of regions that are not thick."""
+    """Return the connected parts of the share (h, w) of regions that are not thick.
+
+    Their boxes have margins of 3 px.
+    """
     thin = np.where(thick, 0, share)
     label, boxes = parts_of(thin > SEEN)
     parts = []
     for q, tight in enumerate(boxes, 1):
-        box = arrays.widened(tight, MARGIN, share.shape)
+        box = arrays.widened(tight, 3, share.shape)
         own = np.where(label[box] == q, thin[box], 0)
         if own.sum() >= LEAST_SHARE:
             parts.append(Part([*names], own, thick[box], box, is_wide))
@@ -180,7 +178,7 @@ def _thick(share: Floats, radius: float) -> Bools:
         inner: Any = ndimage.distance_transform_edt(np.pad(solid[wide], 1))
         inner = inner[1:-1, 1:-1]
         most, width = inner[own].max(), 2 * inner[dilated(own, 3) & ~own].max(initial=0) - 1
-        if most <= CROSSING * width + 0.5 and own.sum() <= CROSSING_AREA * most**2:
+        if most <= CROSSING * width + 0.5 and own.sum() <= 8 * most**2:
             opened[wide][own] = False
     return dilated(opened)[margin:-margin, margin:-margin]
 
@@ -218,7 +216,8 @@ def _chosen(
         ]
         return layers, contrast * float((error**2).sum()) + rate * size
 
-    lines, cost = fitted_and_cost(as_lines, BYTES_OF_LINE)
+    # The tags have 12 and 10 bytes, as far as parts do not share them.
+    lines, cost = fitted_and_cost(as_lines, 12.0)
     # Wide ends may be round, which is decided when all lines are known.
     with_round = _error(list(map(rounded, lines)), part)
     cost -= contrast * max(_error(lines, part) - with_round, 0.0)
@@ -227,7 +226,7 @@ def _chosen(
     if part.is_wide and cost > noise:
         return []
     prior = WIDE_PRIOR if part.is_wide else LINE_PRIOR
-    if cost >= prior * fitted_and_cost(as_areas, BYTES_OF_AREA)[1]:
+    if cost >= prior * fitted_and_cost(as_areas, 10.0)[1]:
         return []
     return [(path, layer.width) for layer in lines for path in layer.paths]
 

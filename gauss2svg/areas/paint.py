@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import find_objects
 
-from gauss2svg.areas.arrays import LEVEL, Floats, Ints
+from gauss2svg.areas.arrays import LEVEL, Floats, Ints, pixels_of
 from gauss2svg.core import Kernel
 from gauss2svg.portable import cos, dot, exp, hypot, least_squares, main_axis, product, sin, solve
 from gauss2svg.scene.areas import LinearGradient, RadialGradient
@@ -233,6 +234,32 @@ def paints_of(pixels: Floats, labels: Ints, count: int) -> list[Paint]:
             shared.append(paint)
         paints[k].prior += PRIOR_PER_PX * sizes[k]
     return paints
+
+
+def join_parts_of_gradients(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
+    """Join regions to a larger one whose gradient draws them. `labels` and `paints` are changed.
+
+    Where a gradient bends or is steep, as around the middle of a radial one, its pixels are not one
+    core. Such parts are less than 3 px apart, and at most a 20th of their pixels differ.
+    """
+    boxes = find_objects(labels + 1, max_label=len(paints))
+    for k, paint in enumerate(paints):
+        if not paint.is_shaded or boxes[k] is None:
+            continue
+        joined = False
+        for j in range(k + 1, len(paints)):
+            if boxes[j] is None or any(
+                a.start >= b.stop + 3 or b.start >= a.stop + 3
+                for a, b in zip(boxes[k], boxes[j], strict=True)
+            ):
+                continue
+            ys, xs = pixels_of(labels[boxes[j]] == j, boxes[j])
+            off = np.abs(pixels[ys, xs] - paint.at(xs, ys)).max(axis=1) > 4 * LEVEL
+            if np.count_nonzero(off) <= 0.05 * len(ys):
+                labels[ys, xs] = k
+                boxes[j], joined = None, True
+        if joined:
+            paints[k] = paint_of(pixels, *np.nonzero(labels == k))
 
 
 class Palette(NamedTuple):

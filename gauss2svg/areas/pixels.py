@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from gauss2svg.scene.areas import Area, Color, Outline
 if TYPE_CHECKING:  # all runs import this module, and few need the kernels
     from gauss2svg.areas.arrays import Bools, Floats, Ints
 
-MOST_COLORS = 128  # of a sprite
+MOST_COLORS = 128  # largest number of colours of a sprite
 MOST_CHANGES = 2**15  # pairs of neighbouring cells that differ. The file then has up to 290 kB
 # A colour is one of antialiased edges or gradients if BLENDED of its pixels lie between two others,
 # whose colours mix to it. Sprites have fewer than MOST_BLENDED of the pixels at edges in such
@@ -150,7 +151,7 @@ class _Layers:
     def __init__(self, sprite: Sprite, overlap: bool) -> None:
         self._sprite, self._overlap, self._tried = sprite, overlap, 0
         self._cells = np.pad(sprite.cells, 2, constant_values=-1)
-        self._costs = dict[tuple[int, frozenset[int]], float]()
+        self._cost = cache(lambda color, above: self._shortest(color, above)[0])
         self._boxes = list[tuple[slice, slice]]()
         for color in range(len(sprite.levels)):
             places = np.nonzero(self._cells == color)
@@ -172,9 +173,9 @@ class _Layers:
         for _ in range(4):
             is_same = True
             for k in range(np.count_nonzero(kind < 2), len(order) - 1):
-                first, second, above = order[k], order[k + 1], order[k + 2 :]
+                first, second, above = order[k], order[k + 1], frozenset(order[k + 2 :])
                 now, then = (
-                    (k > 0 or not is_free) * self._cost(a, [b, *above]) + self._cost(b, above)
+                    (k > 0 or not is_free) * self._cost(a, above | {b}) + self._cost(b, above)
                     for a, b in ((first, second), (second, first))
                 )
                 if then < now:
@@ -195,12 +196,6 @@ class _Layers:
             Outline(tuple(map(tuple, (points + corner) * half)), (False,) * len(points))
             for points in _loops(starts)
         )
-
-    def _cost(self, color: int, above: Collection[int]) -> float:
-        key = color, frozenset(above)
-        if key not in self._costs:
-            self._costs[key] = self._shortest(color, above)[0]
-        return self._costs[key]
 
     def _shortest(self, color: int, above: Collection[int]) -> tuple[float, Bools]:
         """Return the cost and the edges of the shortest layer of a colour.

@@ -32,11 +32,8 @@ from gauss2svg.core import Kernel
 RATE = 4.0  # samples for each px of an outline
 CG_STEPS = 40
 BASE = 0.01  # damping of every parameter, in squared error for a px^2
-MOST_STEP, MOST_WIDENING = 0.7, 0.3  # px in one step
 # Damping of a path, as a share of the diagonal of the normal equations
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 0.03, 1e-3, 1e5
-# A step is tried again if the paths that became worse lost more than this share of the whole gain.
-MOST_RISE = 0.2
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 _compose_layers = Kernel(
@@ -344,7 +341,7 @@ class Drawing:
         """Make a step, and return the error after it, and the damping (p,) of paths for the next.
 
         A step that does not lower the error is undone. It is tried once more without the paths
-        whose own pixels became worse.
+        whose own pixels became worse, and so is one of whose gain they took over a fifth.
         """
         pixel, owner, jacobian, weights = self.samples()
         places, place = np.unique(pixel, return_inverse=True)
@@ -377,7 +374,7 @@ class Drawing:
             if attempt == 0:
                 damping = np.where(worse, damping * 6, damping / 3)
                 damping = np.clip(damping, LEAST_DAMPING, MOST_DAMPING)
-            if gain > 0 and (attempt == 1 or rise[worse].sum() <= MOST_RISE * gain):
+            if gain > 0 and (attempt == 1 or rise[worse].sum() <= 0.2 * gain):
                 return new, damping
             moves &= ~worse
         self.point, self.width = point, width
@@ -432,8 +429,9 @@ class Drawing:
             p = r / diagonal + new / rz * p
             rz = new
         move = step[:widths].reshape(-1, 2)
-        move *= np.minimum(1, MOST_STEP / np.maximum(portable.hypot(*move.T), 1e-9))[:, None]
-        return move, np.clip(step[widths:], -MOST_WIDENING, MOST_WIDENING)
+        # A step is at most .7 px long, and widens a line by at most .3 px.
+        move *= np.minimum(1, 0.7 / np.maximum(portable.hypot(*move.T), 1e-9))[:, None]
+        return move, np.clip(step[widths:], -0.3, 0.3)
 
     def current(self) -> list[Layer]:
         """Return the layers as they are now."""
@@ -451,7 +449,6 @@ class Drawing:
 
 
 SMOOTH_RAD = np.radians(12)  # largest turn at a join that is smooth
-LEAST_ARM = 0.3  # px; shorter handles have no sure direction
 MIRROR = 1.5  # largest ratio of the handles of a smooth join that become equally long
 
 
@@ -482,7 +479,8 @@ def tied(
 
     The handles on both sides of a smooth join lie on a line through it. If they are about equally
     long, they mirror each other, which a file writes in fewer bytes. A handle beside a straight
-    line lies in its direction. The ends of a nearly upright line have the same coordinate.
+    line lies in its direction. Handles of less than .3 px have no sure direction. The ends of a
+    nearly upright line have the same coordinate.
     """
     same = _upright(point, segment[~curved])
     before = np.arange(len(segment)) - 1
@@ -494,7 +492,7 @@ def tied(
     u, v = point[node] - point[one], point[other] - point[node]
     long_u, long_v = portable.hypot(*u.T), portable.hypot(*v.T)
     turn = np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
-    is_smooth = (turn <= SMOOTH_RAD) & (np.minimum(long_u, long_v) >= LEAST_ARM)
+    is_smooth = (turn <= SMOOTH_RAD) & (np.minimum(long_u, long_v) >= 0.3)
     at = np.flatnonzero(is_smooth & (before >= 0) & (was_curved | curved))
     node, one, other, u, v, long_u, long_v = (
         values[at] for values in (node, one, other, u, v, long_u, long_v)

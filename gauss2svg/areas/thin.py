@@ -24,10 +24,7 @@ from gauss2svg.portable import dot, product
 THICK = 5  # px; a region that contains a square of this size is no thin part
 PURE = 3  # px; a square of this size whose pixels have one colour is no mixture
 UNEXPLAINED = 0.0015  # squared error of a pixel that regions do not explain
-LEAST_CONTRAST = 0.15  # distance of the colour of a letter from its ground
-LEAST_OF_LINE = 8  # px of a line of text that are rather of its colour than of the ground
 RIM = 2  # px around a part in which pixels are mixed of its colour and the ground
-MOST_OFF = 1e-3  # mean squared distance of a part's pixels from the mixtures with its ground
 LEAST_ALIKE = 0.99  # cosine of the angle between the directions of two colours from one ground
 # A pixel is pure if it is at most by the share PALER nearer to the ground than the darkest one. Of
 # thin strokes, a smaller share than FEW_PURE is pure.
@@ -73,7 +70,7 @@ def add_letters(
         longest = max(line, key=lambda letter: letter.share.max())
         half, color = 0.5 * longest.share.max(), longest.darkest
         # Slivers at the edges of thick parts are no text.
-        if sum(np.count_nonzero(letter.share > half) for letter in line) < LEAST_OF_LINE:
+        if sum(np.count_nonzero(letter.share > half) for letter in line) < 8:
             continue
         paint = _known_paint(longest, np.concatenate([letter.share for letter in line]), flat)
         if paint is None:
@@ -148,8 +145,8 @@ def _letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]
         way /= max(np.sqrt(dot(way, way)), 1e-9)
         share = product(off, way)
         rest = (off - share[:, None] * way) ** 2
-        if share.max() < LEAST_CONTRAST or rest.sum() > MOST_OFF * len(ys):
-            continue
+        if share.max() < 0.15 or rest.sum() > 1e-3 * len(ys):
+            continue  # it is faint, or has pixels that are no mixtures
         darkest = pixels[ys, xs][share.argmax()].astype(np.float64)
         # Another colour than these two that is pure within the part was not mixed of them.
         names = np.unique(pure[box][own & (pure[box] >= 0)])
@@ -190,7 +187,6 @@ MOST_COUNTED = 0.02  # a pixel's squared error counts at most this, because outl
 EXPLAINED = 0.6  # a colour must lower the error of a part to this share of it
 # Squared error of a pixel by which a colour must be better to be taken, and more for a new colour
 LEAST_GAIN = PRICE_OF_COLOR = 1e-4
-ROUNDS = 3
 # Photos have thousands of parts. The strongest parts, and the colours nearest to a part, decide.
 MOST_PARTS, MOST_COLORS = 1000, 24
 
@@ -202,7 +198,7 @@ def add_thin_regions(
 
     The strongest part comes first, because its colour may explain the weaker ones.
     """
-    for _ in range(ROUNDS):
+    for _ in range(3):
         part, boxes = parts_of(shares.error > UNEXPLAINED)
         before = len(paints)
         power = ndimage.sum_labels(shares.error, part, np.arange(1, len(boxes) + 1))
