@@ -26,7 +26,8 @@ def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
 
 def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bools:
     """Return a mask with the neighbours of its pixels. With None, these are four for each."""
-    return np.asarray(ndimage.binary_dilation(mask, block, iterations))
+    result: Any = ndimage.binary_dilation(mask, block, iterations)
+    return result
 
 
 def pixels_of(mask: Bools, box: Box) -> tuple[Ints, Ints]:
