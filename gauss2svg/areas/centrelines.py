@@ -1,47 +1,150 @@
-"""Centrelines: branches of the skeleton of a thin part, moved to its middle, and their widths."""
+"""Centrelines of a thin part: branches of its skeleton, which go on through junctions.
+
+A skeleton is distorted within about half a width of a junction, it has spurs to the corners of wide
+ends, and a crossing at an acute angle becomes two junctions. So branches are cut off there, moved
+to the middle of the part, and joined by where they point to.
+"""
 
 from __future__ import annotations
 
+import itertools
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import NamedTuple
+
 import numpy as np
 from scipy import ndimage
+from skimage.morphology import remove_small_holes, skeletonize
 
 from gauss2svg import portable
-from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.masks import parts_of
+from gauss2svg.areas.arrays import Bools, Floats, Ints, parts_of
 
-HALF, ACROSS = 4.0, 0.25  # px across a line in which its middle is looked for, and the step there
+CLEAR = 2.0  # px, and half a width, within which a skeleton is distorted by a junction
+BESIDE = 1.75  # px beyond half a width in which the middle of a line is looked for
+SPURS, TIP, TAPER = 1.3, 4.8, 0.5  # lengths of spurs in half widths, and how much a tip tapers
+STRAIGHT_RAD, CROSSING_RAD = 0.8, 0.7  # largest turn of a line at a junction and at a crossing
+CORNER_RAD = 2.2  # largest turn of a line that has its corner at a junction
+# Length in half widths of both sides, and in px, up to which two junctions may be one crossing
+BRIDGE, BRIDGE_PX = 4.0, 7.0
+ALIKE, RAD_OF_WIDTH = 1.15, 2.5  # ratio of widths that counts as none, and turn for a larger one
+STEP = 0.6  # px between points across a junction
+ACROSS = 0.25  # px between places across a line
 RISE = 0.02  # rise of the share away from the middle of a line that is no other line beside it
-MOST_MOVE = 0.7  # px by which a point moves to the middle at once
-SMOOTHINGS = 2
+
+End = tuple[int, int]  # index of a branch, and 0 for its first point or 1 for its last one
+
+
+class Chain(NamedTuple):
+    """The centreline of a line.
+
+    points   (n, 2) in px
+    closed   whether it ends where it starts
+    is_free  whether its first end and its last end are no junction
+    width    median width in px
+    """
+
+    points: Floats
+    closed: bool
+    is_free: tuple[bool, bool]
+    width: float
+
+
+class Junction(NamedTuple):
+    """The places (k, 2) at which branches meet, and half the width there.
+
+    has_spur  whether a branch to a border was left out. Then a line may end a little further on
+    """
+
+    places: Floats
+    radius: float
+    has_spur: bool = False
+
+    @property
+    def centre(self) -> Floats:
+        """The mean place."""
+        return self.places.mean(axis=0)
+
+
+class Ray(NamedTuple):
+    """The point at which a branch leaves a junction, its direction away from it, and its width."""
+
+    point: Floats
+    way: Floats
+    width: float
+
+
+def chains_of(mask: Bools, share: Floats) -> list[Chain]:
+    """Return the centrelines of a thin part with these shares (h, w). `mask` is what is seen."""
+    # Smaller holes are gaps beside a crossing.
+    mask = remove_small_holes(mask, max_size=3, connectivity=1)
+    branches, ends, labels = _branches_of(skeletonize(mask))
+    half: Floats = np.asarray(ndimage.distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1] - 0.5
+    index = np.arange(1, labels.max(initial=0) + 1)
+    places = ndimage.center_of_mass(labels > 0, labels, index)
+    radii = ndimage.maximum(half, labels, index)
+    junctions = {
+        int(k): Junction(np.array(place)[None, ::-1] + 0.5, float(radius))
+        for k, place, radius in zip(index, places, radii, strict=True)
+    }
+    kept = []
+    for i, (branch, at) in enumerate(zip(branches, ends, strict=True)):
+        if not _is_spur(branch, at, junctions, half):
+            kept.append(i)
+        else:
+            k = at[0] or at[1]
+            junctions[k] = junctions[k]._replace(has_spur=True)
+    branches, ends = [branches[i] for i in kept], [ends[i] for i in kept]
+    branches = [
+        _cleared(branch, at, junctions, half, share)
+        for branch, at in zip(branches, ends, strict=True)
+    ]
+    rays = {}
+    for i, branch in enumerate(branches):
+        width = float(np.median(_widths_along(branch, share, False)))
+        rays[i, 0], rays[i, 1] = _ray(branch, width), _ray(branch[::-1], width)
+    bridges = _join_crossings(branches, ends, junctions, rays)
+    meeting: dict[int, list[End]] = defaultdict(list)
+    for i, at in enumerate(ends):
+        for side in (0, 1):
+            if at[side] and i not in bridges:
+                meeting[at[side]].append((i, side))
+    link: dict[End, End] = {}
+    for group in meeting.values():
+        for turn, p, q in _turns(itertools.combinations(group, 2), rays):
+            # Two ends are always one line.
+            if (turn < CORNER_RAD or len(group) == 2) and p not in link and q not in link:
+                link[p], link[q] = q, p
+    return _walked(branches, ends, bridges, junctions, rays, link, share)
 
 
 _AROUND = [(0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1)]  # y and x
 
 
-def _neighbors(on: set[tuple[int, int]], y: int, x: int) -> list[tuple[int, int]]:
-    """Return the neighbours of a pixel of a skeleton: diagonal ones without a common neighbour."""
-    return [
-        (y + v, x + u)
-        for v, u in _AROUND
-        if (y + v, x + u) in on
-        and (v == 0 or u == 0 or ((y + v, x) not in on and (y, x + u) not in on))
-    ]
+def _branches_of(skeleton: Bools) -> tuple[list[Floats], list[list[int]], Ints]:
+    """Return the branches (n, 2) of a skeleton, the junctions at their ends, and all junctions.
 
-
-def _traced(skeleton: Bools) -> tuple[list[list[tuple[int, int]]], Bools]:
-    """Return the branches of a skeleton between its ends and junctions, its loops, and junctions.
-
-    Branches are pixels (y, x). A loop ends where it starts. Neighbouring junctions have no branch
-    between them. Junctions are the pixels (h, w) that have more than two neighbours.
+    Branches are x, y of pixel centres. A loop without a junction ends where it starts. Junctions,
+    pixels with more than two neighbours, have labels (h, w) from 1 on. Neighbouring ones have no
+    branch between them. The end of a branch that is at none has 0.
     """
     pixels = list(zip(*(at.tolist() for at in np.nonzero(skeleton)), strict=True))
     on = set(pixels)
-    beside = {pixel: _neighbors(on, *pixel) for pixel in pixels}
+    # Diagonal neighbours have no common neighbour.
+    beside = {
+        (y, x): [
+            (y + v, x + u)
+            for v, u in _AROUND
+            if (y + v, x + u) in on
+            and (v == 0 or u == 0 or ((y + v, x) not in on and (y, x + u) not in on))
+        ]
+        for y, x in pixels
+    }
     left = {pixel for pixel in pixels if len(beside[pixel]) == 2}
-    junction = np.zeros(skeleton.shape, bool)
+    is_junction = np.zeros(skeleton.shape, bool)
     for pixel in pixels:
-        junction[pixel] = len(beside[pixel]) > 2
-    branches = list[list[tuple[int, int]]]()
+        is_junction[pixel] = len(beside[pixel]) > 2
+    junction, _ = parts_of(is_junction)
+    branches, ends = list[Floats](), list[list[int]]()
     # First come branches, which begin at ends and junctions, then loops.
     for start in [p for p in pixels if p not in left] + pixels:
         is_loop = len(beside[start]) == 2
@@ -54,32 +157,9 @@ def _traced(skeleton: Bools) -> tuple[list[list[tuple[int, int]]], Bools]:
                 if branch[-1] == start:
                     break
                 branch.append(next(p for p in beside[branch[-1]] if p != branch[-2]))
-            branches.append(branch)
-    return branches, junction
-
-
-def branches_of(skeleton: Bools) -> tuple[list[Floats], list[list[int]], Ints]:
-    """Return the branches (n, 2) of a skeleton, the junctions at their ends, and all junctions.
-
-    Branches are x, y of pixel centres. A loop without a junction ends where it starts. Junctions
-    have labels (h, w) from 1 on. The end of a branch that is at none has 0.
-    """
-    traced, is_junction = _traced(skeleton)
-    junction, _ = parts_of(is_junction)
-    branches = [np.array(branch)[:, ::-1] + 0.5 for branch in traced]
-    ends = [[int(junction[branch[k]]) for k in (0, -1)] for branch in traced]
+            branches.append(np.array(branch)[:, ::-1] + 0.5)
+            ends.append([int(junction[branch[k]]) for k in (0, -1)])
     return branches, ends, junction
-
-
-def _normals(points: Floats, closed: bool) -> Floats:
-    """Return the unit normals (n, 2) of a polyline."""
-    index = np.arange(len(points))
-    if closed:
-        along = points[(index + 2) % len(points)] - points[index - 2]
-    else:
-        along = points[np.minimum(index + 2, len(points) - 1)] - points[np.maximum(index - 2, 0)]
-    along = along / np.maximum(portable.hypot(*along.T), 1e-9)[:, None]
-    return np.stack([-along[:, 1], along[:, 0]], axis=1)
 
 
 def _profile(points: Floats, share: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:
@@ -87,7 +167,14 @@ def _profile(points: Floats, share: Floats, closed: bool) -> tuple[Floats, Float
 
     The share never rises away from the polyline, so that lines beside it do not count.
     """
-    normal, places = _normals(points, closed), np.arange(-HALF, HALF + 0.01, ACROSS)
+    index, n = np.arange(len(points)), len(points)
+    if closed:
+        along = points[(index + 2) % n] - points[index - 2]
+    else:
+        along = points[np.minimum(index + 2, n - 1)] - points[np.maximum(index - 2, 0)]
+    along = along / np.maximum(portable.hypot(*along.T), 1e-9)[:, None]
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    places = np.arange(-4.0, 4.01, ACROSS)
     at = points[:, None] + places[None, :, None] * normal[:, None]
     padded = np.pad(share, 5)
     profile = ndimage.map_coordinates(padded, [at[..., 1] + 4.5, at[..., 0] + 4.5], order=1)
@@ -99,17 +186,53 @@ def _profile(points: Floats, share: Floats, closed: bool) -> tuple[Floats, Float
     return normal, places, profile
 
 
-def centred(points: Floats, share: Floats, closed: bool, reach: float) -> Floats:
-    """Return the points of a polyline moved to the middle of a part, and smoothed.
+def _widths_along(points: Floats, share: Floats, closed: bool) -> Floats:
+    """Return the width (n,) of a line at each point of its centreline: the share across it."""
+    return _profile(points, share, closed)[2].sum(axis=1) * ACROSS
 
-    reach  px across the polyline in which the part is
-    """
+
+def _is_spur(branch: Floats, at: list[int], junctions: dict[int, Junction], half: Floats) -> bool:
+    """Whether a branch leads from a junction to the border of its part and not along a line."""
+    if bool(at[0]) == bool(at[1]):
+        return at[0] == at[1] != 0 and len(branch) < BRIDGE * junctions[at[0]].radius
+    radius = junctions[at[0] or at[1]].radius
+    if len(branch) <= max(3, SPURS * radius + 1):
+        return True
+    if radius < 1 or len(branch) > TIP * radius:
+        return False
+    x, y = branch[slice(len(branch) // 2, None) if at[0] else slice(len(branch) // 2)].astype(int).T
+    return bool(np.median(half[y, x]) <= TAPER * radius + 0.25)
+
+
+def _cleared(
+    branch: Floats, at: list[int], junctions: dict[int, Junction], half: Floats, share: Floats
+) -> Floats:
+    """Return the points of a branch away from its ends, in the middle of the share."""
+    n = len(branch)
+    closed = not any(at) and n > 6 and bool((branch[0] == branch[-1]).all())
+    clear = np.ones(n, bool)
+    x, y = branch[n // 2].astype(int)
+    free = Junction(branch[:1], min(float(half[y, x]), n / 4))
+    for side, k in enumerate(at):
+        end = junctions[k] if k else free._replace(places=branch[[-side]])
+        if k or not closed:
+            clear_px = min(end.radius + CLEAR, max(end.radius + 0.5, n / 5))
+            away = portable.hypot(*(branch[:, None] - end.places).transpose(2, 0, 1)).min(axis=1)
+            clear &= away > (clear_px if k else end.radius - 0.5)
+    if np.count_nonzero(clear) < 2:
+        middle = n // 2
+        return branch[max(middle - 1, 0) : middle + 1]
+    first, last = np.flatnonzero(clear)[[0, -1]]
+    points = branch[first : last if closed else last + 1]
+    x, y = points.astype(int).T
+    reach = float(np.median(half[y, x])) + BESIDE
+    # Twice, points move to the middle of the share across them, and are then smoothed twice.
     for _ in range(2):
         normal, places, profile = _profile(points, share, closed)
         profile = np.where(np.abs(places) <= reach, profile, 0)
         middle = portable.product(profile, places) / np.maximum(profile.sum(axis=1), 1e-6)
-        points = points + np.clip(middle, -MOST_MOVE, MOST_MOVE)[:, None] * normal
-        for _ in range(SMOOTHINGS if len(points) > 4 else 0):
+        points = points + np.clip(middle, -0.7, 0.7)[:, None] * normal
+        for _ in range(2 if len(points) > 4 else 0):
             before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
             smooth = 0.25 * before + 0.5 * points + 0.25 * after
             if not closed:
@@ -118,6 +241,147 @@ def centred(points: Floats, share: Floats, closed: bool, reach: float) -> Floats
     return points
 
 
-def widths_along(points: Floats, share: Floats, closed: bool) -> Floats:
-    """Return the width (n,) of a line at each point of its centreline: the share across it."""
-    return _profile(points, share, closed)[2].sum(axis=1) * ACROSS
+def _ray(branch: Floats, width: float) -> Ray:
+    """Return how a branch leaves the junction at its first point."""
+    arm = min(int(5 + width), len(branch) - 1)
+    near, far = branch[max(arm // 2, 1)] - branch[0], branch[arm] - branch[0]
+    # The tangent of the parabola through three points
+    way = 4 * near - far if arm > 3 else far
+    return Ray(branch[0], way / max(portable.hypot(*way), 1e-9), width)
+
+
+def _turn(a: Ray, b: Ray) -> float:
+    """Return by how much a line turns that comes along one ray and leaves along another.
+
+    A change of its width counts as a turn.
+    """
+    gap = b.point - a.point
+    length = portable.hypot(*gap)
+    if length < 1e-6:
+        turn = float(portable.arccos(np.clip(-portable.dot(a.way, b.way), -1, 1)))
+    else:
+        cosines = [-portable.dot(a.way, gap) / length, portable.dot(b.way, gap) / length]
+        turn = float(portable.arccos(np.clip(cosines, -1, 1)).sum())
+    low, high = sorted((a.width, b.width))
+    return turn + RAD_OF_WIDTH * max(high / max(low, 1e-3) - ALIKE, 0)
+
+
+def _turns(pairs: Iterable[tuple[End, End]], rays: dict[End, Ray]) -> list[tuple[float, End, End]]:
+    """Return pairs of ends with the turns of lines along them, the smallest turn first."""
+    return sorted((_turn(rays[p], rays[q]), p, q) for p, q in pairs)
+
+
+def _join_crossings(
+    branches: list[Floats], ends: list[list[int]], junctions: dict[int, Junction],
+    rays: dict[End, Ray],
+) -> set[int]:  # fmt: skip
+    """Join pairs of junctions that are one crossing, and return the branches between them.
+
+    ends, junctions  are changed
+    """
+    bridges: set[int] = set()
+    for i in sorted(range(len(branches)), key=lambda i: len(branches[i])):
+        a, b = ends[i]
+        if not a or not b or a == b:
+            continue
+        one, other = junctions[a], junctions[b]
+        most = BRIDGE * (one.radius + other.radius) + BRIDGE_PX
+        if portable.hypot(*(one.centre - other.centre)) > most:
+            continue
+        sides: dict[int, list[End]] = {a: [], b: []}
+        between = []
+        for j, at in enumerate(ends):
+            if j in bridges:
+                continue
+            if set(at) == {a, b} and len(branches[j]) <= most:
+                between.append(j)
+                continue
+            for side in (0, 1):
+                if at[side] in sides:
+                    sides[at[side]].append((j, side))
+        used: set[End] = set()
+        for turn, p, q in _turns(itertools.product(sides[a], sides[b]), rays):
+            if turn < CROSSING_RAD and p not in used and q not in used:
+                used |= {p, q}
+        if len(used) >= 4:
+            bridges.update(between)
+            del junctions[b]
+            places = np.concatenate([one.places, other.places])
+            radius = max(one.radius, other.radius)
+            junctions[a] = Junction(places, radius, one.has_spur or other.has_spur)
+            for at in ends:
+                at[:] = [a if k == b else k for k in at]
+    return bridges
+
+
+def _across(a: Ray, b: Ray, junction: Junction) -> Floats:
+    """Return the points (n, 2) of a line between the two rays along which it passes a junction."""
+    gap = b.point - a.point
+    length = portable.hypot(*gap)
+    if _turn(a, b) < STRAIGHT_RAD:
+        t = np.linspace(0, 1, max(round(length / STEP), 1) + 1)[1:-1, None]
+        u = 1 - t
+        p, q = a.point - a.way * length / 3, b.point - b.way * length / 3
+        return u * u * u * a.point + 3 * u * t * (u * p + t * q) + t * t * t * b.point
+    corner = junction.centre
+    det = a.way[0] * b.way[1] - a.way[1] * b.way[0]
+    if abs(det) > 0.15:
+        meeting = a.point + (gap[0] * b.way[1] - gap[1] * b.way[0]) / det * a.way
+        if portable.hypot(*(meeting - corner)) < 3 * junction.radius + 1:
+            corner = meeting
+    parts = [
+        np.linspace(p, q, max(round(portable.hypot(*(q - p)) / STEP), 1), endpoint=False)
+        for p, q in itertools.pairwise([a.point, corner, b.point])
+    ]
+    return np.concatenate(parts)[1:]
+
+
+def _walked(
+    branches: list[Floats], ends: list[list[int]], bridges: set[int],
+    junctions: dict[int, Junction], rays: dict[End, Ray], link: dict[End, End], share: Floats,
+) -> list[Chain]:  # fmt: skip
+    """Return the lines that the links make of branches."""
+    chains: list[Chain] = []
+    used = set(bridges)
+    for i in range(len(branches)):
+        if i in used:
+            continue
+        start, walked = (i, 0), {i}  # goes back to the beginning of the line
+        while start in link and link[start][0] not in walked:
+            before, side = link[start]
+            start = before, 1 - side
+            walked.add(before)
+        closed = start in link and link[start][0] in walked
+        parts, wide, end = list[Floats](), list[Floats](), start
+        first = ends[start[0]][start[1]]
+        if not closed and first:
+            parts.append(_to_centre(rays[start], junctions[first]))
+        while True:
+            index, side = end
+            used.add(index)
+            branch = branches[index][:: -1 if side else 1]
+            is_near = bool(portable.hypot(*(branch[0] - branch[-1])) < 1.5)
+            is_loop = not any(ends[index]) and is_near and len(branch) > 5
+            parts.append(branch)
+            wide.append(_widths_along(branch, share, is_loop))
+            last = index, 1 - side
+            at = ends[index][1 - side]
+            if (following := link.get(last)) is None:
+                break
+            parts.append(_across(rays[last], rays[following], junctions[at]))
+            if following[0] in used:
+                break
+            end = following
+        closed = closed or is_loop
+        if not closed and at:
+            parts.append(_to_centre(rays[last], junctions[at]))
+        is_free = not first or junctions[first].has_spur, not at or junctions[at].has_spur
+        width = float(np.median(np.concatenate(wide)))
+        chains.append(Chain(np.concatenate(parts), closed, is_free, width))
+    return chains
+
+
+def _to_centre(ray: Ray, junction: Junction) -> Floats:
+    """Return the point (1, 2) at which a line ends that goes no further than a junction."""
+    ahead = max(portable.dot(ray.point - junction.centre, ray.way), 0.0)
+    return (ray.point - ahead * ray.way)[None]

@@ -1,64 +1,60 @@
-"""Cleaning: a drawing without the noise that JPEG leaves beside its edges.
+"""The picture in which areas are found: without noise of JPEG, photos, and shading.
 
 A clean drawing is even up to its edges. Noise is measured where it is not: a few px beside crisp
 edges. If there is noise, even cores are found within tolerances that follow it. Each core gets one
 colour, or a smooth shading. Pixels between cores become mixtures of the two cores beside them.
 What is no such mixture, as a thin line, is only smoothed.
+
+What JPEG changes depends on the picture alone. So if areas are nearly those of the source, JPEG
+changes their raster nearly as it has changed the source. Without this change, the noisy picture has
+less noise, and its areas are closer to the source.
+
+Photos in a drawing, noise and other textured parts each become one even part. A large square
+without a block of one colour lies in a textured part. The part reaches as far as squares without an
+exact block do, because the even places of a photo are noisy, and those of a drawing are not.
+
+Glows, soft shadows, and other shading without crisp edges are taken out, because areas imitate them
+by strips. Only crisp areas are then found, and Gaussians draw the shading below and above them.
 """
 
 from __future__ import annotations
 
+import io
 import math
 from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.evened import textured
-from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.masks import BLOCK, LEVEL, pixels_of
-from gauss2svg.areas.paint import paint_of
+from gauss2svg import portable
+from gauss2svg.areas import arrays
+from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Floats, Ints, dilated
+from gauss2svg.areas.paint import GOOD, paint_of
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blocks, renamed
 from gauss2svg.core import Kernel
-from gauss2svg.portable import product, solve
+from gauss2svg.portable import product
 from gauss2svg.without_scipy import smoothed
 
+LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])  # YCbCr
 EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
-BESIDE = 2.5, 5.5  # px; distances from edges at which noise is measured
 UNEVEN = 1.01 * LEVEL  # larger second differences do not come from rounding
 NOISY = 0.17  # share of uneven pixels beside edges. Clean drawings have at most .11, JPEG over .2
-QUANTILE, SPREAD = 0.8, 2.4  # quantile of uneven second differences, and its ratio to the noise
 LEAST_NOISE = 0.8 * LEVEL  # noise of pixels that are far from edges
-REACH = 4  # px up to which edges have noise beside them
 FULL_NOISE = 60 * LEVEL  # contrast beside which noise of luma has its full height
 # Noise of colour differences is at least that of luma, and this share of their contrast nearby,
-# because JPEG stores them at half the size.
-BLEEDING = 0.08
-UNBLED = 0.02  # the same in a picture of which areas tell where colour differences have edges
-LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])  # YCbCr
+# because JPEG stores them at half the size. The second share is that of a picture of which areas
+# tell where colour differences have edges.
+BLEEDING, UNBLED = 0.08, 0.02
 
-# The rest is counted in noise, if no unit is given.
-PASSES = 2  # means of neighbours that are alike
+# The rest of cleaning is counted in noise, if no unit is given.
 FLAT, JOINED = 1.3, 1.5  # largest differences in a block of one core, and of its neighbours
 BEND, STEEP = 1.0, 3.0  # largest second and first differences in a block that is evenly shaded
-ROUNDS = 3  # searches for cores, each among the pixels that were unlike the cores before
 EVEN, MOST_OFF = 2.0, 0.15  # an even core has at most this share of pixels that differ more
-SAME = 1.5  # difference of the colours of cores that become one
-SURE = 8.0  # px; side of a core whose mean has the noise of a pixel, and larger ones less
-SHADED = 0.7  # mean difference from a gradient that draws a core
-SMOOTHED = 4.0  # px by which other shading is smoothed
+SAME, SHADED = 1.5, 0.7  # differences of colours that become one, and from a core's gradient
 OFF = 1.5  # a pixel that differs more is no part of its core
-MOST_COLORS = 16  # colours of even cores that are tried in mixtures anywhere
 
-EDGE_STEPS, WIDE_EDGE = 9, 60 * LEVEL  # px and least contrast of edges whose widths are measured
-SAME_WAY = 0.8  # share of all differences along an edge that lead the same way
-# Fewer edges, or a smaller share of all steep places, tell nothing: they may be sides of lines.
-LEAST_EDGES, LEAST_SHARE = 20, 0.25
-# A picture was enlarged if this quantile of the largest step of an edge, as a share of its
-# contrast, is at most NARROW. Clean drawings have at least .74, and JPEGs of quality 75 .64.
-CRISPEST, NARROW = 0.8, 0.6
-ONE_STEP = 0.86  # the quantile in pictures that were not enlarged
-MOST_TIMES = 2.0  # edges that are wider come from blur
+_average_alike = Kernel("average_alike", "int int float32 float32 float32")
+_mix_cores = Kernel("mix_cores", "int int float32 float32 int32 int float32 float32 float32")
 
 
 def noise_of(pixels: Floats) -> float:
@@ -70,7 +66,7 @@ def noise_of(pixels: Floats) -> float:
         return 0.0
     luma = product(pixels, LUMA[0].astype(np.float32))
     distance: Any = ndimage.distance_transform_edt(_contrast(luma[..., None]) <= EDGE)
-    beside = (distance >= BESIDE[0]) & (distance <= BESIDE[1])
+    beside = (distance >= 2.5) & (distance <= 5.5)
     beside[[0, -1]] = beside[:, [0, -1]] = False
     bend = bend_of(luma[..., None])
     uneven = bend[beside & (bend > UNEVEN)]
@@ -78,7 +74,8 @@ def noise_of(pixels: Floats) -> float:
         return 0.0
     if textured(pixels, cores_of(pixels)[0]).any():
         return 0.0
-    return max(float(np.quantile(uneven, QUANTILE)) / SPREAD, LEAST_NOISE)
+    # This quantile of uneven second differences is 2.4 times the noise.
+    return max(float(np.quantile(uneven, 0.8)) / 2.4, LEAST_NOISE)
 
 
 def _contrast(values: Floats) -> Floats:
@@ -93,7 +90,7 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     values = product(pixels, LUMA.T.astype(np.float32))
     local = _local(values, noise, bleeding)
     smooth = values
-    for _ in range(PASSES):
+    for _ in range(2):
         noisy, smooth = smooth, np.empty_like(values)
         _average_alike(*values.shape[:2], noisy, local, smooth)
     spread = over_blocks(smooth, np.maximum) - over_blocks(smooth, np.minimum)
@@ -101,56 +98,55 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     bend = over_blocks(bend_of(smooth), np.maximum) / local[..., 0]
     block = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
     cores, colors = np.full(block.shape, -1, np.int32), np.empty((0, 3), np.float32)
-    for _ in range(ROUNDS):
+    for _ in range(3):
         # Cores of what the cores of earlier rounds have left.
         block &= over_blocks(cores[..., None], np.maximum)[..., 0] < 0
-        more, count = _wide(*cores_of_blocks(smooth, block, JOINED * noise))
-        colors = _evened(pixels, smooth, local, more, count, colors)
+        more, _ = cores_of_blocks(smooth, block, JOINED * noise)
+        # Shades of an edge have no 3 x 3 pixels.
+        is_inner: Any = ndimage.minimum_filter(more, 3) == ndimage.maximum_filter(more, 3)
+        more = renamed(more, np.unique(more[is_inner & (more >= 0)]))
+        colors = _evened(pixels, values, smooth, local, more, colors)
         cores = np.where(more >= 0, more + cores.max() + 1, cores)
     result = smooth.copy()
-    colors = colors[:MOST_COLORS].astype(np.float32)
+    colors = colors[:16].astype(np.float32)  # those that are tried in mixtures anywhere
     _mix_cores(*cores.shape, values, smooth, cores, len(colors), colors, local, result)
-    back = solve(LUMA, np.eye(3)).T.astype(np.float32)
+    back = portable.solve(LUMA, np.eye(3)).T.astype(np.float32)
     return np.clip(product(result, back), 0, 1)
 
 
 def _local(values: Floats, noise: float, bleeding: float) -> Floats:
-    """Return the noise (h, w, 3) of luma and of the colour differences around each pixel."""
+    """Return the noise (h, w, 3) of luma and of the colour differences around each pixel.
+
+    It follows the contrasts up to 4 px away.
+    """
     result = np.empty_like(values)
     luma, chroma = (
-        ndimage.maximum_filter(_contrast(values[..., part]), 2 * REACH + 1)
-        for part in (np.s_[:1], np.s_[1:])
+        ndimage.maximum_filter(_contrast(values[..., part]), 9) for part in (np.s_[:1], np.s_[1:])
     )
     result[..., 0] = np.clip(noise / FULL_NOISE * luma, LEAST_NOISE, noise)
     result[..., 1:] = np.maximum(bleeding * chroma, result[..., 0])[..., None]
     return result
 
 
-def _wide(cores: Ints, count: int) -> tuple[Ints, int]:
-    """Return the cores that have 3 x 3 pixels, because shades of an edge have not."""
-    is_inner: Any = ndimage.minimum_filter(cores, 3) == ndimage.maximum_filter(cores, 3)
-    kept = np.unique(cores[is_inner & (cores >= 0)])
-    return renamed(cores, kept), len(kept)
-
-
 def _evened(
-    pixels: Floats, smooth: Floats, local: Floats, cores: Ints, count: int, colors: Floats
+    pixels: Floats, values: Floats, smooth: Floats, local: Floats, cores: Ints, colors: Floats
 ) -> Floats:
     """Write the values of cores without noise to `smooth`, and return the colours of even cores.
 
     Cores are in the order of their sizes. A small one gets the colour of a larger one that is alike
     within the noise. Pixels that are not like their core are taken out of `cores`.
     """
-    values = product(pixels, LUMA.T.astype(np.float32))
-    for k, box in enumerate(ndimage.find_objects(cores + 1, max_label=count)):
-        if box is None:
-            continue
+    for k, box in enumerate(ndimage.find_objects(cores + 1)):
         inside = cores[box] == k
         core: Any = ndimage.binary_erosion(inside, BLOCK, border_value=1)
-        color, noise, own = _middle(values[box][core]), local[box][inside], smooth[box][inside]
+        # The mean of the values near their median
+        inner = values[box][core]
+        near = np.abs(inner - np.median(inner, axis=0)) <= 2 * LEVEL
+        color = (inner * near).sum(axis=0) / np.maximum(near.sum(axis=0), 1)
+        noise, own = local[box][inside], smooth[box][inside]
         size = len(own)
-        # This share of the noise is left in the mean of a core.
-        share = min(1.0, SURE / math.sqrt(size))
+        # This share of the noise is left in the mean of a core of more than 8 x 8 pixels.
+        share = min(1.0, 8 / math.sqrt(size))
         most = noise.mean(axis=0)
         off = np.abs(own - color) > EVEN * share * most + 2 * LEVEL
         if np.count_nonzero(off.any(axis=1)) <= MOST_OFF * size:
@@ -161,11 +157,14 @@ def _evened(
                 colors = np.vstack([colors, color[None]])
             new = np.broadcast_to(color, own.shape)
         else:
-            ys, xs = pixels_of(inside, box)
+            ys, xs = arrays.pixels_of(inside, box)
             paint = paint_of(pixels, ys, xs)
             new = product(paint.at(xs, ys), LUMA.T.astype(np.float32))
             if not paint.is_shaded or np.abs(own - new).mean() > SHADED * most[0] + LEVEL:
-                new = _smoothed(values[box], inside)
+                # Smooth within the core.
+                masked = np.dstack([values[box], np.ones(inside.shape, np.float32)])
+                sums: Any = smoothed(masked * inside[..., None], 4.0)[inside]
+                new = sums[:, :-1] / sums[:, -1:]
                 new = np.where(np.abs(new - own) <= noise, new, own)
         is_off: Bools = np.any(np.abs(own - new) > OFF * noise + 2 * LEVEL, axis=1)
         smooth[box][inside] = np.where(is_off[:, None], own, new)
@@ -173,45 +172,218 @@ def _evened(
     return colors
 
 
-def _smoothed(values: Floats, inside: Bools) -> Floats:
-    """Return the values (n, c) of the pixels of a mask (h, w), smoothed within it."""
-    masked = np.dstack([values, np.ones_like(values[..., 0])]) * inside[..., None]
-    sums: Any = smoothed(masked, SMOOTHED)
-    return sums[inside][:, :-1] / sums[inside][:, -1:]
-
-
-def _middle(values: Floats) -> Floats:
-    """Return the mean (c,) of the values (n, c) near their median."""
-    median = np.median(values, axis=0)
-    near = np.abs(values - median) <= 2 * LEVEL
-    return (values * near).sum(axis=0) / np.maximum(near.sum(axis=0), 1)
-
-
-_average_alike = Kernel("average_alike", "int int float32 float32 float32")
-_mix_cores = Kernel("mix_cores", "int int float32 float32 int32 int float32 float32 float32")
+# A picture was enlarged if the quantile .8 of the largest step of an edge, as a share of its
+# contrast, is at most NARROW. Clean drawings have at least .74, and JPEGs of quality 75 .64.
+NARROW = 0.6
 
 
 def enlargement_of(pixels: Floats) -> float:
     """Return how many times a picture (h, w, c) was enlarged, by the width of its crispest edges.
 
     If it was not enlarged, one step between two pixels has most of the contrast of such an edge.
+    Edges that are more than twice as wide come from blur.
     """
     luma = product(pixels[..., :3], LUMA[0].astype(np.float32))
     shares, steep = [], 0
     for rows in (luma, luma.T):
-        if rows.shape[1] <= EDGE_STEPS:
+        # Edges are up to 9 steps wide, and have a contrast of over 60 levels.
+        if rows.shape[1] <= 9:
             return 1.0
-        heights, middle = np.abs(np.diff(rows)), np.s_[:, EDGE_STEPS // 2 : -(EDGE_STEPS // 2)]
-        highest: Any = ndimage.maximum_filter1d(heights, EDGE_STEPS)
-        mean: Any = ndimage.uniform_filter1d(heights, EDGE_STEPS)
-        step, highest, way = heights[middle], highest[middle], EDGE_STEPS * mean[middle]
-        whole = np.abs(rows[:, EDGE_STEPS:] - rows[:, :-EDGE_STEPS])
-        is_steep = (step >= highest) & (way > WIDE_EDGE)
-        is_edge = is_steep & (whole > WIDE_EDGE) & (whole > SAME_WAY * way)
+        heights, middle = np.abs(np.diff(rows)), np.s_[:, 4:-4]
+        highest: Any = ndimage.maximum_filter1d(heights, 9)
+        mean: Any = ndimage.uniform_filter1d(heights, 9)
+        step, highest, way = heights[middle], highest[middle], 9 * mean[middle]
+        whole = np.abs(rows[:, 9:] - rows[:, :-9])
+        is_steep = (step >= highest) & (way > 60 * LEVEL)
+        # Most differences along an edge lead the same way.
+        is_edge = is_steep & (whole > 60 * LEVEL) & (whole > 0.8 * way)
         shares.append(step[is_edge] / whole[is_edge])
         steep += np.count_nonzero(is_steep)
     shares = np.concatenate(shares)
-    if len(shares) < max(LEAST_EDGES, LEAST_SHARE * steep):
+    # Fewer edges, or a smaller share of all steep places, tell nothing: they may be sides of lines.
+    if len(shares) < max(20, 0.25 * steep):
         return 1.0
-    share = float(np.quantile(shares, CRISPEST))
-    return 1.0 if share > NARROW else min(round(2 * ONE_STEP / share) / 2, MOST_TIMES)
+    share = float(np.quantile(shares, 0.8))
+    # In pictures that were not enlarged, it is .86.
+    return 1.0 if share > NARROW else min(round(2 * 0.86 / share) / 2, 2.0)
+
+
+# Least mean cosine of the phases of coefficients in their steps, in standard deviations of random
+# phases. It is 14 to 140 for JPEGs of 256 px, and up to 6 for pictures reduced by half. Clean
+# ones, which have no noise and are not asked, have up to 14.
+ON_STEPS = 8.0
+SIDE = 8  # px of the blocks that JPEG transforms
+# Element (x, u) is the value at x of the cosine of the frequency u.
+_COSINES = portable.cos(np.pi / SIDE * np.outer(np.arange(SIDE) + 0.5, np.arange(SIDE)))
+_COSINES *= np.sqrt(np.where(np.arange(SIDE), 2, 1) / SIDE)
+
+
+def quality_of(picture: Floats) -> int | None:
+    """Return the quality at which an opaque picture (h, w, 3) was saved as JPEG.
+
+    It is that of libjpeg's tables. Return None if the picture has no such tables.
+    """
+    luma = 255 * product(picture[:1024, :1024], LUMA[0])  # enough of a large picture
+    h, w = (side - side % SIDE for side in luma.shape)
+    blocks = luma[:h, :w].reshape(h // SIDE, SIDE, w // SIDE, SIDE)
+    values = product(product(blocks, _COSINES).swapaxes(1, 3), _COSINES)
+    values = values.transpose(0, 2, 3, 1).reshape(-1, SIDE * SIDE)
+    values[:, 0] = 0  # many blocks of even parts have the same mean
+    place = np.nonzero(np.abs(values) > 1)
+    values, frequency = values[place], place[1]
+
+    def score(quality: int) -> float:
+        tables: Any = _jpeg(np.zeros((SIDE, SIDE), np.uint8), quality)
+        step = np.array(tables.quantization[0], float)[frequency]
+        # Rounding to whole levels hides finer steps.
+        is_rounded = (step >= 2) & (np.abs(values) > step / 2)
+        cosine = portable.cos(2 * np.pi * values[is_rounded] / step[is_rounded])
+        return float(cosine.sum()) / np.sqrt(max(len(cosine) / 2, 1))
+
+    scores = {quality: score(quality) for quality in range(20, 100)}  # 100 leaves no noise
+    best = max(scores, key=lambda quality: scores[quality])
+    return best if scores[best] > ON_STEPS else None
+
+
+def coded(drawn: Floats, quality: int, picture: Floats) -> Floats:
+    """Return a drawn picture (h, w, 3) after it was saved as JPEG, as `picture` was.
+
+    Colour differences have the full or half the size, whichever brings it closer to `picture`.
+    """
+    levels = np.round(255 * np.clip(drawn, 0, 1)).astype(np.uint8)
+    both = [
+        np.asarray(_jpeg(levels, quality, subsampling=subsampling), np.float32) / 255
+        for subsampling in ("4:2:0", "4:4:4")
+    ]
+    return min(both, key=lambda one: float(((one - picture) ** 2).sum()))
+
+
+def decoded(picture: Floats, drawn: Floats, quality: int) -> Floats:
+    """Return a picture without what JPEG changed, if the source is nearly as it is drawn."""
+    change = coded(drawn, quality, picture) - np.round(255 * drawn) / 255
+    return np.clip(picture - change, 0, 1).astype(np.float32)
+
+
+def _jpeg(levels: Any, quality: int, **options: str) -> Any:
+    """Return an image of Pillow with these levels that was saved as JPEG."""
+    from PIL import Image  # few pictures need it
+
+    file = io.BytesIO()
+    Image.fromarray(levels).save(file, "JPEG", quality=quality, **options)
+    return Image.open(file)
+
+
+CLEAN = 5  # px; width of a block of one colour. Smaller ones also occur in noise
+SEED = 33  # px; text, hatching and the waves of JPEG leave no larger square without such a block
+WINDOW, LEAST = 17, 65  # px; widths of squares that make up a part, and of one that it must have
+EXACT = 1.1 * LEVEL  # largest second difference of values that are only rounded
+
+
+def with_even_photos(pixels: Floats, cores: Ints) -> Floats:
+    """Return the picture in which each textured part has its mean colour."""
+    photo = textured(pixels, cores)
+    if not photo.any():
+        return pixels
+    result = pixels.copy()
+    part, boxes = arrays.parts_of(photo)
+    for k, tight in enumerate(boxes, 1):
+        box = arrays.widened(tight, 1, photo.shape)
+        inside, values = part[box] == k, pixels[box]
+        color = values[inside].mean(axis=0, dtype=np.float64).astype(pixels.dtype)
+        result[box][inside] = color
+        rim = inside & dilated(~photo[box])
+        inner = inside & ~rim
+        if not rim.any() or not inner.any():
+            continue
+        # Pixels along the outline are mixed of the part and of what is beside it.
+        nearest, beside, share = _between(values, rim, inner, ~photo[box])
+        ground, own = values[beside], values[nearest]
+        share[((own - ground) ** 2).sum(axis=1) < 0.01] = (
+            0.5  # the share of colours that are alike is unknown
+        )
+        if np.abs(values[rim] - ground).sum() > 0.8 * np.abs(own - ground).sum():
+            share[:] = 1.0  # the outline runs between pixels
+        result[box][rim] = ground + share[:, None] * (color - ground)
+    return result
+
+
+def textured(pixels: Floats, cores: Ints) -> Bools:
+    """Return the pixels (h, w) of textured parts."""
+    seeds = _opened(~_opened(cores >= 0, CLEAN), SEED)
+    if not seeds.any():
+        return seeds
+    # An exact pixel has exact neighbours, so that those of a block have exact values up to its rim.
+    is_exact: Any = ndimage.binary_erosion(bend_of(pixels) <= EXACT, BLOCK, border_value=1)
+    rough = ~dilated(is_exact, CLEAN // 2)
+    part, _ = arrays.parts_of(_opened(rough, WINDOW) | seeds)
+    sizes, seed_sizes = (np.bincount(part[m], minlength=part.max() + 1) for m in (part > 0, seeds))
+    # Where noise is faint, fewer squares are seeds, and areas are found.
+    names = np.flatnonzero(seed_sizes > 0.2 * sizes)
+    whole = np.isin(part, np.intersect1d(names, part[_opened(part > 0, LEAST)]))
+    # The squares leave out corners of a part that is turned or round.
+    result: Any = ndimage.binary_dilation(whole, BLOCK, WINDOW // 2, _opened(rough, CLEAN))
+    # A core is in or out as a whole, so that a photo has no holes, and letters on it none either.
+    sizes = np.bincount(cores[cores >= 0])
+    outside = np.bincount(cores[(cores >= 0) & ~result], minlength=len(sizes))
+    is_inside = outside <= 0.3 * sizes
+    return np.where(cores < 0, result, is_inside[cores]) if len(sizes) else result
+
+
+def _opened(mask: Bools, side: int) -> Bools:
+    """Return the union of the squares of `side` px in a mask."""
+    least = ndimage.minimum_filter(mask.view(np.uint8), side, mode="constant")
+    return ndimage.maximum_filter(least, side, mode="constant").view(bool)
+
+
+def _between(values: Floats, rim: Bools, inside: Bools, others: Bools) -> tuple[Any, Any, Floats]:
+    """Return what the pixels (n,) of a rim are mixed of, and their shares (n,) of the first.
+
+    These are the nearest pixel of `inside`, and the nearest one of `others`.
+    """
+    own, other = (tuple(arrays.distance_to(mask)[1][:, rim]) for mask in (inside, others))
+    way = values[own] - values[other]
+    along = ((values[rim] - values[other]) * way).sum(axis=1)
+    return own, other, np.clip(along / np.maximum((way**2).sum(axis=1), 1e-6), 0, 1)
+
+
+SMOOTH = 0.07  # largest difference of a pixel and its neighbours where there is no edge
+PLAIN = 0.25  # a colour that this share of a part has exactly is that below its shading
+RIM = 3  # px around a part in which pixels are mixed of its colours and others
+
+
+def without_shading(pixels: Floats) -> Floats:
+    """Return a picture (h, w, c) in which each part without edges has one paint.
+
+    Parts of fewer than 40 pixels have no shading.
+    """
+    is_edge = np.zeros(pixels.shape[:2], bool)
+    for axis, first, last in ((0, np.s_[:-1], np.s_[1:]), (1, np.s_[:, :-1], np.s_[:, 1:])):
+        differs = np.abs(np.diff(pixels, axis=axis)).max(axis=2) > SMOOTH
+        is_edge[first] |= differs
+        is_edge[last] |= differs
+    part, boxes = arrays.parts_of(~is_edge)
+    result = pixels.astype(np.float32, copy=True)
+    for k, tight in enumerate(boxes, 1):
+        ys, xs = arrays.pixels_of(part[tight] == k, tight)
+        if len(ys) < 40:
+            continue
+        values = pixels[ys, xs]
+        levels = np.round(values * 255).astype(np.int64) @ 256 ** np.arange(values.shape[1])
+        _, first, count = np.unique(levels, return_index=True, return_counts=True)
+        if count.max() >= PLAIN * len(ys):
+            even = np.broadcast_to(values[first[count.argmax()]], values.shape)
+        else:
+            even = paint_of(pixels, ys, xs).at(xs, ys)
+        change = np.zeros_like(result)
+        change[ys, xs] = even - values
+        if np.abs(change[ys, xs]).max() < GOOD:
+            continue
+        box = arrays.widened(tight, RIM + 1, part.shape)
+        change, inside, parts = change[box], part[box] == k, part[box] > 0
+        others, rim = parts & ~inside, dilated(inside, RIM) & ~parts
+        if others.any():
+            # A pixel of the rim is mixed of the part and of another one.
+            own, _, share = _between(pixels[box], rim, inside, others)
+            change[rim] = share[:, None] * change[own]
+        result[box] += change
+    return np.clip(result, 0, 1)

@@ -11,30 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.evened import with_even_photos, without_shading
-from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.kinks import without_kinks
-from gauss2svg.areas.layers import join_touching, masks_of
-from gauss2svg.areas.letters import add_letters
-from gauss2svg.areas.merge import merged, with_caps, without_cheap
-from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
-from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
+from gauss2svg.areas import clean, lines, merge, outlines, regions, thin
+from gauss2svg.areas.arrays import Bools, Floats, Ints
+from gauss2svg.areas.paint import Paint, Palette, join_parts_of_gradients, paints_of
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.areas.regions import Palette, Shares, cores_of, grown, shares_of, without_edge_shades
-from gauss2svg.areas.rows import with_sure_widths
-from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
 RATE = 0.0012  # squared error that a byte of an area must save
 UNIT = 1 / 32  # px of path data
 STEPS = 20  # steps of refinement before nodes are merged, and after each time that they are
-USUAL_PIXELS, LEAST_STEPS = 320 * 320, 6  # pictures of more pixels are refined in fewer steps
-MERGES = 2
 FIRST_RATE = 0.004  # squared error for a byte below which a layer is not even refined
-EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas
-LEAST_ERROR = 1e-12  # mean squared error of an exact picture, for its PSNR
-BAND = 64  # rows of a picture that are compared at once, because this takes memory
-EDGE = 0.06  # px from an edge of the page within which a point lies on it, so that no seam shows
 LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 
 
@@ -95,7 +81,7 @@ def find_areas(
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
     drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
     drawing.focus = focus
-    drawing = drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
+    drawing = drawing.with_layers(merge.without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
     find_s = time.perf_counter() - started
     return refined(drawing, rate, unit, progress, STEPS, find_s)
 
@@ -112,12 +98,18 @@ def refined(
     """
     started = time.perf_counter()
     # In larger pictures, first outlines are off by a smaller part of what is seen.
-    share = min(1.0, math.sqrt(USUAL_PIXELS / math.prod(drawing.shape[:2])))
-    steps, later = round(share * steps), max(LEAST_STEPS, round(share * STEPS))
-    whole, done = steps + (MERGES + 1) * later, 0
+    share = min(1.0, 320 / math.sqrt(math.prod(drawing.shape[:2])))
+    steps, later = round(share * steps), max(6, round(share * STEPS))
+    whole, done = steps + 3 * later, 0
 
     def so_far() -> FoundAreas:
-        return areas_of(drawing, find_s, refine_s + time.perf_counter() - started)
+        """Return the areas as they are now."""
+        areas, background = shown_areas(drawing)
+        error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
+        explained = float((3 * error <= 0.01).mean())
+        psnr = -10 * portable.log10(max(float(error.mean()), 1e-12))
+        taken_s = refine_s + time.perf_counter() - started
+        return FoundAreas(areas, background, explained, psnr, find_s, taken_s, drawing)
 
     def refine(count: int) -> None:
         nonlocal done
@@ -130,12 +122,12 @@ def refined(
         done += count
 
     refine(steps)
-    for _ in range(MERGES):
-        drawing = drawing.with_layers(merged(drawing, unit, rate))
+    for _ in range(2):
+        drawing = drawing.with_layers(merge.merged(drawing, unit, rate))
         refine(later)
-    drawing = drawing.with_layers(without_cheap(drawing, unit, rate))
-    drawing = drawing.with_layers(with_caps(drawing, rate))
-    drawing = drawing.with_layers(without_kinks(drawing))
+    drawing = drawing.with_layers(merge.without_cheap(drawing, unit, rate))
+    drawing = drawing.with_layers(merge.with_caps(drawing, rate))
+    drawing = drawing.with_layers(merge.without_kinks(drawing))
     refine(later)
     return so_far()
 
@@ -144,7 +136,7 @@ def channels_of(picture: NDArray[np.float32]) -> Floats:
     """Return the channels (h, w, 3) of an opaque picture, or (h, w, 6) of one with alpha."""
     pixels = np.asarray(picture, np.float32)
     if pixels.shape[2] == 3 or pixels[..., 3].min() >= 1 - LEAST_OPACITY:
-        return pixels[..., :3]
+        return np.ascontiguousarray(pixels[..., :3])
     alpha = pixels[..., 3:]
     over_black = pixels[..., :3] * alpha
     return np.concatenate([over_black, over_black + 1 - alpha], axis=-1)
@@ -164,14 +156,14 @@ def first_drawing(
     poll  function that is called often. An exception ends the search
     """
     poll()
-    cores, count = cores_of(picture)
-    pixels = with_even_photos(picture, cores)
+    cores, count = regions.cores_of(picture)
+    pixels = clean.with_even_photos(picture, cores)
     if shaded:
-        pixels = without_shading(pixels)
+        pixels = clean.without_shading(pixels)
     if pixels is not picture:
-        cores, count = cores_of(pixels)
+        cores, count = regions.cores_of(pixels)
     poll()
-    cores, count = without_edge_shades(pixels, cores, count)
+    cores, count = regions.without_edge_shades(pixels, cores, count)
     poll()
     if most_cores is not None and count > most_cores:
         raise NoDrawingError
@@ -180,40 +172,41 @@ def first_drawing(
     paints = paints_of(pixels, cores, count)
     join_parts_of_gradients(pixels, cores, paints)
     poll()
-    labels = grown(pixels, cores)
+    labels = regions.grown(pixels, cores)
     palette = Palette.of(paints)
-    shares = shares_of(pixels, cores, labels, palette)
-    letter_ground = add_letters(pixels, cores, labels, shares, paints)
+    shares = regions.shares_of(pixels, cores, labels, palette)
+    letter_ground = thin.add_letters(pixels, cores, labels, shares, paints)
     palette = Palette.of(paints)
     poll()
-    add_thin_regions(pixels, cores, labels, shares, paints, palette)
+    thin.add_thin_regions(pixels, cores, labels, shares, paints, palette)
     glance(*error_and_edges_of(picture, shares, paints))
-    weight_at = contrast_of(pixels)
-    lines = take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground, poll)
-    lines = with_sure_widths(pixels, cores, lines, paints)
-    labels = join_touching(shares, paints)
+    weight_at = outlines.contrast_of(pixels)
+    strokes = lines.take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground, poll)
+    strokes = lines.with_sure_widths(pixels, cores, strokes, paints)
+    labels = regions.join_touching(shares, paints)
     opacity = np.array([opacity_of(paint.color) for paint in paints])
     ground = ground_of(labels, paints, opacity)
     is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)
     is_opaque = opacity > 1 - 2 * LEAST_OPACITY
     layers, curve_rate = [], min(rate, RATE)  # coarse first curves would be refined less well
-    for mask in masks_of(labels, shares, len(paints), is_ground, ~is_opaque):
+    for region, share, box in regions.masks_of(labels, shares, len(paints), is_ground, ~is_opaque):
         poll()
-        contours = contours_of(mask.share, mask.box, pixels.shape)
-        paths = [first_path(c, weight_at, unit, curve_rate) for c in contours]
-        if paths:
-            layers.append(Layer(mask.region, paths))
-    layers += grouped(lines, paints)
+        contours = outlines.contours_of(share, box, pixels.shape)
+        if paths := [outlines.first_path(c, weight_at, unit, curve_rate) for c in contours]:
+            layers.append(Layer(region, paths))
+    layers += lines.grouped(strokes, paints)
     paints = with_opacity(paints, opacity, is_opaque)
     return Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
 
 
-def error_and_edges_of(picture: Floats, shares: Shares, paints: list[Paint]) -> tuple[float, int]:
+def error_and_edges_of(
+    picture: Floats, shares: regions.Shares, paints: list[Paint]
+) -> tuple[float, int]:
     """Return the squared error of the paints of regions, and the number of px between regions."""
     colors, error = np.array([paint.color for paint in paints], np.float32), 0.0
     shaded = [k for k, paint in enumerate(paints) if paint.is_shaded]
-    for top in range(0, len(picture), BAND):
-        band = np.s_[top : top + BAND]
+    for top in range(0, len(picture), 64):
+        band = np.s_[top : top + 64]  # some rows, because this takes memory
         label = shares.label[band][..., 0]
         drawn = colors[label]
         for k in shaded:
@@ -261,19 +254,13 @@ def with_opacity(paints: list[Paint], opacity: Floats, is_opaque: Bools) -> list
     return [new.get(id(paint), paint) for paint in paints]
 
 
-def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
-    """Return the areas of a drawing as they are now."""
-    areas, background = shown_areas(drawing)
-    error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
-    explained = float((3 * error <= EXPLAINED).mean())
-    psnr = -10 * portable.log10(max(float(error.mean()), LEAST_ERROR))
-    return FoundAreas(areas, background, explained, psnr, find_s, refine_s, drawing)
-
-
 def on_page(segments: Floats, width: int, height: int) -> Floats:
-    """Return segments (k, 4, 2) whose points beside an edge of the page lie on that edge."""
+    """Return segments (k, 4, 2) whose points beside an edge of the page lie on that edge.
+
+    A seam would show there otherwise.
+    """
     for edge in np.zeros(2), np.array([width, height]):
-        segments = np.where(np.abs(segments - edge) <= EDGE, edge, segments)
+        segments = np.where(np.abs(segments - edge) <= 0.06, edge, segments)
     return segments
 
 

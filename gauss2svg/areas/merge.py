@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from gauss2svg import portable
-from gauss2svg.areas.curves import merge_pieces, sampled
-from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.outlines import Path, Weights, lengths_of, weights_by
+from gauss2svg.areas.arrays import Floats
+from gauss2svg.areas.outlines import (
+    Path,
+    Weights,
+    fitted_curve,
+    lengths_of,
+    merged_path,
+    sampled,
+    weights_by,
+)
 from gauss2svg.areas.refine import Drawing, Layer
 
-SAMPLES, LEAST_SAMPLES = 2.5, 5  # points for each px of a segment, and at least for a segment
 # Nodes may move by this share of the distance by which outlines seem to be off.
 NOISE_SHARE = 0.4
-LEAST_NOISE = 1e-8  # px^2, so that no division is by 0
-BYTES_OF_AREA, BYTES_OF_LINE = 20.0, 50.0  # size of the tag of a layer
+# Sizes of tags and attributes in bytes: of a layer, and of ends and joins that are round
+BYTES_OF_AREA, BYTES_OF_LINE, BYTES_OF_ROUND = 20.0, 50.0, 44.0
 MOST_LAYERS = 2000  # because a photo would have thousands
-# A round end covers as much as a butt end that is longer by this share of the width: pi / 8.
-ROUND_LENGTH = 0.39
-BYTES_OF_ROUND = 44.0  # size of the attributes that make ends and joins round
-NEAR_END = 1.5  # px beyond the width in which the errors of an end are counted
+TURN_RAD = np.radians(25)  # least turn of a kink
+SHORT = 3.0  # px, longest segment beside a kink
+BEND_RAD = np.radians(30)  # least fall of the sum of all turns without a kink
+ALLOWED = 0.03  # squared error by which the picture may be worse without a kink
 
 
 def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
@@ -35,7 +42,7 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
         return []
     drawing.draw()
     drawing.weigh()
-    noise = NOISE_SHARE**2 * drawing.noise + LEAST_NOISE
+    noise = NOISE_SHARE**2 * drawing.noise + 1e-8
     layers = []
     for index, layer in enumerate(drawing.current()):
         contrast = (drawing.part(drawing.weight, index) ** 2).sum(axis=-1)
@@ -55,17 +62,14 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
 def _merged_path(path: Path, weight_at: Weights, unit: float, rate: float, noise: float) -> Path:
     """Return a path with fewer nodes. `noise` is the mean squared distance by which it is off."""
     length = lengths_of(path.segments)
-    count = np.maximum((length * SAMPLES).astype(np.int64), LEAST_SAMPLES)
+    count = np.maximum((length * 2.5).astype(np.int64), 5)  # points along each segment
     start = np.append(0, np.cumsum(count))
     points = sampled(path.segments, path.curved, count)
     step = np.repeat(length / count, count)
     if not path.closed:
         points, step = np.vstack([points, path.segments[-1, 3]]), np.append(step, step[-1])
-    segments, curved = merge_pieces(
-        points, weight_at(points) * step, start, path.closed, path.segments, path.curved, True,
-        unit, rate, noise,
-    )  # fmt: skip
-    return Path(segments, curved, path.closed)
+    weight = weight_at(points) * step
+    return merged_path(points, weight, start, path, path.closed, unit, rate, noise)
 
 
 def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
@@ -83,11 +87,15 @@ def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
         own, weight = error[drawing.slices(index)], drawing.part(drawing.weight, index)
         without = own - weight * drawing.part(cover, index)[..., None]
         saved = drawing.focused((without**2 - own**2).sum(axis=-1), index)
+        size = BYTES_OF_AREA
         if layer.is_line:
-            near = (_sum_around(saved, path, drawing.box[index, :2]) for path in layer.paths)
-            pairs = zip(layer.paths, near, strict=True)
+            size, corner = BYTES_OF_LINE, drawing.box[index, :2]
+            sums = [
+                float(saved[_around(path.segments.reshape(-1, 2) - corner, 1)].sum())
+                for path in layer.paths
+            ]
+            pairs = zip(layer.paths, sums, strict=True)
             layer = layer.replace([path for path, sum_ in pairs if sum_ > rate * path.bytes(unit)])
-        size = BYTES_OF_LINE if layer.is_line else BYTES_OF_AREA
         size += sum(path.bytes(unit) for path in layer.paths)
         layers.append(layer)
         gains.append(float(saved.sum()) - rate * size if layer.paths else -math.inf)
@@ -95,12 +103,11 @@ def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     return [layer for layer, gain in zip(layers, gains, strict=True) if gain >= least]
 
 
-def _sum_around(values: Floats, path: Path, corner: Ints) -> float:
-    """Return the sum of values (h, w) in the box of a path. `corner` is their left and top."""
-    points = path.segments.reshape(-1, 2) - corner
-    left, top = np.maximum(np.floor(points.min(axis=0)).astype(int) - 1, 0)
-    right, bottom = np.maximum(np.ceil(points.max(axis=0)).astype(int) + 1, 0)
-    return float(values[top:bottom, left:right].sum())
+def _around(points: Floats, by: float) -> tuple[slice, slice]:
+    """Return the rows and columns of an image that are at most `by` px around points (n, 2)."""
+    left, top = np.maximum(np.floor(points.min(axis=0) - by).astype(int), 0)
+    right, bottom = np.maximum(np.ceil(points.max(axis=0) + by).astype(int), 0)
+    return slice(top, bottom), slice(left, right)
 
 
 def with_caps(drawing: Drawing, rate: float) -> list[Layer]:
@@ -112,37 +119,38 @@ def with_caps(drawing: Drawing, rate: float) -> list[Layer]:
     before = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
     after = ((drawing.with_layers(others).draw() - drawing.pixels) ** 2).sum(axis=-1)
     saved, chosen = drawing.focused(before - after), list[Layer]()
+
+    def gain_of(path: Path, width: float) -> float:
+        """Return by how much the squared error falls near the ends of a line."""
+        near = np.zeros(saved.shape, bool)
+        for end in () if path.closed else (path.segments[:1, 0], path.segments[-1:, 3]):
+            near[_around(end, width + 1.5)] = True
+        return float(saved[near].sum())
+
     for layer, other in zip(layers, others, strict=True):
         if other is layer:
             chosen.append(layer)
             continue
-        gains = np.array([_gain(saved, path, layer.width) for path in layer.paths])
+        gains = np.array([gain_of(path, layer.width) for path in layer.paths])
         is_round = gains > 0
         if not is_round.all():
             is_round &= gains[is_round].sum() > rate * (BYTES_OF_ROUND + BYTES_OF_LINE)
         elif gains.sum() <= rate * BYTES_OF_ROUND:
             is_round[:] = False
-        if not is_round.any() or is_round.all():
-            chosen.append(other if is_round.any() else layer)
-        else:
-            for one, kept in ((layer, ~is_round), (other, is_round)):
+        for one, kept in ((layer, ~is_round), (other, is_round)):
+            if kept.any():
                 chosen.append(one.replace([one.paths[k] for k in np.flatnonzero(kept)]))
     return chosen
 
 
-def _gain(gain: Floats, path: Path, width: float) -> float:
-    """Return by how much the squared error (h, w) falls near the ends of a line."""
-    return 0.0 if path.closed else float(gain[_near_ends(path, width, gain.shape)].sum())
-
-
 def rounded(layer: Layer) -> Layer:
-    """Return a line with round ends, or the layer itself if it has no ends."""
+    """Return a line with round ends, or the layer itself if it has no ends.
+
+    A round end covers as much as a butt end that is longer by pi / 8 of the width.
+    """
     if layer.width == 0 or layer.cap or all(path.closed for path in layer.paths):
         return layer
-    paths = [
-        path if path.closed else _shortened(path, ROUND_LENGTH * layer.width)
-        for path in layer.paths
-    ]
+    paths = [path if path.closed else _shortened(path, 0.39 * layer.width) for path in layer.paths]
     return dataclasses.replace(layer, paths=paths, cap=1)
 
 
@@ -153,20 +161,104 @@ def _shortened(path: Path, by: float) -> Path:
         way = p[1 if is_curve else 3] - p[0]
         if portable.hypot(*way) < 1e-6:
             way = p[3] - p[0]
-        length = portable.hypot(*(p[3] - p[0]))
-        if length > 2 * by:
+        if portable.hypot(*(p[3] - p[0])) > 2 * by:
             p[0] += way / portable.hypot(*way) * by
             if not is_curve:
                 p[1] = p[0]
     return path._replace(segments=segments)
 
 
-def _near_ends(path: Path, width: float, shape: tuple[int, ...]) -> Bools:
-    """Return the pixels (h, w) near the ends of a line."""
-    mask = np.zeros(shape, bool)
-    reach = width + NEAR_END
-    for x, y in path.segments[0, 0], path.segments[-1, 3]:
-        low = np.maximum(np.floor([y - reach, x - reach]).astype(int), 0)
-        high = np.maximum(np.ceil([y + reach, x + reach]).astype(int), 0)
-        mask[low[0] : high[0], low[1] : high[1]] = True
-    return mask
+class Kink(NamedTuple):
+    """A kink of a path: its segment, the curve (4, 2) in place of both beside it, and its place."""
+
+    segment: int
+    curve: Floats
+    place: Floats
+
+
+def without_kinks(drawing: Drawing) -> list[Layer]:
+    """Return the layers of a drawing without needless kinks.
+
+    A kink is a node at which an outline turns, beside a short curve. All of them are replaced by
+    curves without a node and the outlines are refined. What is then as close stays so.
+    """
+    layers = drawing.current()
+    kinks = [[kinks_of(path) for path in layer.paths] for layer in layers]
+    if not any(map(any, kinks)):
+        return layers
+    before = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
+    trial = drawing.with_layers(_all_without(layers, kinks))
+    trial.refine(8, colors=False)
+    after = ((trial.draw() - drawing.pixels) ** 2).sum(axis=-1)
+    rise = drawing.focused(after - before)
+    needless = [
+        [[kink for kink in one if _sum_at(rise, kink.place) <= ALLOWED] for one in of_layer]
+        for of_layer in kinks
+    ]
+    return _all_without(layers, needless)
+
+
+def _all_without(layers: list[Layer], kinks: list[list[list[Kink]]]) -> list[Layer]:
+    """Return layers without some kinks of their paths."""
+    return [
+        layer.replace([_without(*pair) for pair in zip(layer.paths, of_layer, strict=True)])
+        for layer, of_layer in zip(layers, kinks, strict=True)
+    ]
+
+
+def kinks_of(path: Path) -> list[Kink]:
+    """Return the kinks of a closed path, of which no two touch. An open path has none."""
+    if not path.closed:
+        return []
+    segments, curved, count = path.segments, path.curved, len(path.curved)
+    starts = np.where(curved[:, None], segments[:, 1], segments[:, 3]) - segments[:, 0]
+    ends = segments[:, 3] - np.where(curved[:, None], segments[:, 2], segments[:, 0])
+    turn = _turns(np.roll(ends, 1, axis=0), starts)
+    length = portable.hypot(*(segments[:, 3] - segments[:, 0]).T)
+    is_short = np.minimum(length, np.roll(length, 1)) <= SHORT
+    kinks = list[Kink]()
+    for k in np.flatnonzero((turn >= TURN_RAD) & is_short & (curved | np.roll(curved, 1))):
+        if kinks and (k - kinks[-1].segment < 2 or (k + 1 == count and not kinks[0].segment)):
+            continue
+        if len(kinks) == count - 2:  # a path needs two segments
+            break
+        pair = [k - 1, k]
+        points = sampled(segments[pair], curved[pair], np.full(2, 24))
+        points = np.vstack([points, segments[k, 3]])
+        curve = fitted_curve(points)
+        new = sampled(curve[None], np.ones(1, bool), np.full(1, 24))
+        bends = [
+            _turns(steps[:-1], steps[1:]).sum()
+            for line in (points, np.vstack([new, curve[3]]))
+            for steps in [np.vstack([ends[k - 2], np.diff(line, axis=0), starts[(k + 1) % count]])]
+        ]
+        if bends[0] - bends[1] > BEND_RAD:
+            kinks.append(Kink(int(k), curve, segments[k, 0]))
+    return kinks
+
+
+def _turns(u: Floats, v: Floats) -> Floats:
+    """Return the angles (k,) between vectors (k, 2), in 0..pi."""
+    return np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
+
+
+def _without(path: Path, kinks: list[Kink]) -> Path:
+    """Return a path with one curve for the two segments beside each of the kinks."""
+    if not kinks:
+        return path
+    segments, curved = path.segments.copy(), path.curved.copy()
+    at = np.array([kink.segment for kink in kinks])
+    segments[at] = [kink.curve for kink in kinks]
+    curved[at] = True
+    left = np.ones(len(curved), bool)
+    left[at - 1] = False
+    return path._replace(segments=segments[left], curved=curved[left])
+
+
+def _sum_at(values: Floats, place: Floats) -> float:
+    """Return the sum of values (h, w) within 3 px of a place along x and y."""
+    x, y = place
+    h, w = values.shape
+    ys = slice(max(int(y - 3), 0), min(int(y + 3) + 1, h))
+    xs = slice(max(int(x - 3), 0), min(int(x + 3) + 1, w))
+    return float(values[ys, xs].sum())

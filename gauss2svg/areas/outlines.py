@@ -1,15 +1,20 @@
-"""Outlines of masks: contours at half share, their corners, and the first curves through them.
+"""Outlines of masks: contours at half share, their corners, and the lines and cubics through them.
 
 A contour through linearly interpolated shares cuts corners of thin masks, breaks lines of one
 pixel, and leaves out those between two rows, because no share of theirs reaches a half. So thin
 masks have fields, functions finer than pixels, which are changed until what lies inside the contour
 covers each pixel by its share.
+
+Points are first cut into short pieces. A piece is a run of points that one segment draws, a
+straight line or a cubic. Neighbouring pieces are merged into one while that lowers the cost: the
+weighted squared distance of the points from the segment, and `rate` for each byte of path data
+(gauss2svg/core/curves.c).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,36 +22,27 @@ from scipy import ndimage
 from skimage.measure import find_contours
 
 from gauss2svg import portable
-from gauss2svg.areas.curves import merge_pieces, path_bytes
-from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.masks import Box
+from gauss2svg.areas.arrays import Bools, Box, Floats, Ints
+from gauss2svg.core import Kernel
 from gauss2svg.without_scipy import smoothed
 
 # Function from points (n, 2) to the weight of a squared distance of 1 px along 1 px of an outline
 Weights = Callable[[Floats], Floats]
-STEP = 0.5  # px between points of a contour
-PIECE = 6  # points of the pieces into which a contour is cut at first
-PAD = 3  # px by which thin masks are continued beyond the border, where fields are uneven
-LEAST_AREA = 1.0  # px^2; smaller contours are noise
 # A corner turns by at least CORNER_RAD between the chords to the points ARM points before and after
 # it. The antialiasing has rounded it, so it is put where lines through the points from CUT to LOOK
-# points away meet, if that is at most MOST_MOVE px away.
-ARM, CORNER_RAD, CUT, LOOK, MOST_MOVE = 5, np.radians(35), 2, 8, 2.0
-LEAST_SINE = 0.15  # sine of the angle of two lines that meet at a corner
+# points away meet.
+ARM, CORNER_RAD, CUT, LOOK = 5, np.radians(35), 2, 8
 NOISE = 0.05  # px by which points of a contour are off
 # Least weight, and that beyond the picture. Without them, hidden outlines would have no shape, and
 # would show at the next step.
 HIDDEN, BEYOND = 0.015, 0.003
-
 FINE = 3  # samples of a field for each px
-FIELD_STEPS, FIELD_STEP = (
-    4,
-    0.7,
-)  # changes of a field, and the part of the error that each of them takes away
-SMOOTH = 0.22  # px, standard deviation of the smoothing after each change
-SLOPE = 2.0  # change of a field for each px across a crisp edge
-INSIDE, MOST_INSIDE = 0.98, 0.3  # share of a pixel that is inside, and part of a thin mask inside
-LEAST_SHARE = 12.0  # px^2 of a thin mask; smaller ones may be slivers beside other areas
+
+_segment_bytes = Kernel("segment_bytes", "int float64 bool float float64")
+_fit_run = Kernel(
+    "fit_run",
+    "int float64 float64 float float64 int64 int float float float64 float64",
+)
 
 
 class Path(NamedTuple):
@@ -62,7 +58,15 @@ class Path(NamedTuple):
 
     def bytes(self, unit: float) -> float:
         """Return about how many bytes of path data the path has."""
-        return path_bytes(self.segments, self.curved, unit)
+        # The first node and the end of a path have 7.
+        return 7.0 + float(bytes_of(self.segments, self.curved, unit).sum())
+
+
+def bytes_of(segments: Floats, curved: Bools, unit: float) -> Floats:
+    """Return about how many bytes (k,) of relative path data segments (k, 4, 2) have."""
+    size = np.empty(len(segments))
+    _segment_bytes(len(segments), segments, curved, unit, size)
+    return size
 
 
 def lengths_of(segments: Floats) -> Floats:
@@ -100,20 +104,13 @@ def field_of(share: Floats) -> Floats:
     field: Any = ndimage.zoom(
         share.astype(np.float32), FINE, order=3, mode="nearest", grid_mode=True
     )
-    for _ in range(FIELD_STEPS):
-        inside = np.clip((field - 0.5) * (SLOPE * FINE / 2) + 0.5, 0, 1)
+    for _ in range(4):
+        # Across a crisp edge, a field changes by 2 for each px.
+        inside = np.clip((field - 0.5) * FINE + 0.5, 0, 1)
         error = share - inside.reshape(h, FINE, w, FINE).mean(axis=(1, 3))
-        field += FIELD_STEP * ndimage.zoom(error, FINE, order=1, mode="nearest", grid_mode=True)
-        field = smoothed(field, SMOOTH * FINE, truncate=3)
+        field += 0.7 * ndimage.zoom(error, FINE, order=1, mode="nearest", grid_mode=True)
+        field = smoothed(field, 0.22 * FINE, truncate=3)
     return field
-
-
-def is_thin(share: Floats) -> bool:
-    """Return whether few pixels of a mask are inside it."""
-    total = share.sum()
-    if total < LEAST_SHARE:
-        return False
-    return np.count_nonzero(ndimage.minimum_filter(share, 3) > INSIDE) < MOST_INSIDE * total
 
 
 def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]:
@@ -124,27 +121,30 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
     A mask that touches the border of the picture is continued beyond it, so that its contour
     leaves the picture.
     """
-    thin = is_thin(share)
-    reach = PAD if thin else 1
+    # Masks of less than 12 px^2 may be slivers beside other areas.
+    is_thin = (total := share.sum()) >= 12 and (
+        np.count_nonzero(ndimage.minimum_filter(share, 3) > 0.98) < 0.3 * total
+    )
+    reach = 3 if is_thin else 1  # fields are uneven at their borders
     pad = [
         (reach * (side.start == 0), reach * (side.stop == most))
         for side, most in zip(box, shape, strict=False)
     ]
     corner = np.array([box[1].start - pad[1][0], box[0].start - pad[0][0]])
     padded, fine = np.pad(share, pad, mode="edge"), 1
-    if thin:
+    if is_thin:
         padded, fine = field_of(padded), FINE
     contours = []
     for line in find_contours(np.pad(padded, 1), 0.5):
         points = (line[:-1, ::-1] - 0.5) / fine + corner
         x, y = points.T
         area = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
-        if len(points) >= 4 and abs(area) >= LEAST_AREA:
+        if len(points) >= 4 and abs(area) >= 1:  # smaller ones are noise
             contours.append(points)
     return contours
 
 
-def resampled(points: Floats, step: float = STEP, closed: bool = True) -> Floats:
+def resampled(points: Floats, step: float, closed: bool = True) -> Floats:
     """Return points about `step` px apart along a polyline (n, 2)."""
     line = np.vstack([points, points[:1]]) if closed else points
     place = np.concatenate([[0], np.cumsum(portable.hypot(*np.diff(line, axis=0).T))])
@@ -172,15 +172,9 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
     return corners[np.diff(corners, prepend=-n) > ARM // 2]
 
 
-def _line_through(points: Floats) -> tuple[Floats, Floats]:
-    """Return the middle of points (n, 2), and the direction of the line through them."""
-    middle = points.mean(axis=0)
-    return middle, portable.main_axis(points - middle)
-
-
 def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
     """Return the first curves through a closed contour (n, 2)."""
-    points = resampled(points)
+    points = resampled(points, 0.5)
     points, corners = with_corners(points, turns_of(points, CORNER_RAD))
     return fitted_path(points, corners, weight_at, unit, rate, True)
 
@@ -201,12 +195,19 @@ def with_corners(
             gap = [min(gap[0], corner + cut), min(gap[1], n - 1 - corner + cut)]
         reach = [min(LOOK + cut - CUT, one - cut - 1) for one in gap]
         if min(reach) >= cut + 2:
-            p, u = _line_through(points[(corner - np.arange(cut, reach[0] + 1)) % n])
-            q, v = _line_through(points[(corner + np.arange(cut, reach[1] + 1)) % n])
+            sides = [
+                points[(corner + sign * np.arange(cut, most + 1)) % n]
+                for sign, most in zip((-1, 1), reach, strict=True)
+            ]
+            p, q = (side.mean(axis=0) for side in sides)
+            u, v = (
+                portable.main_axis(side - middle)
+                for side, middle in zip(sides, (p, q), strict=True)
+            )
             det = u[1] * v[0] - u[0] * v[1]
-            if abs(det) > LEAST_SINE:
+            if abs(det) > 0.15:  # the lines are not nearly parallel
                 meeting = p + ((q - p)[1] * v[0] - (q - p)[0] * v[1]) / det * u
-                if portable.hypot(*(meeting - points[corner])) < MOST_MOVE:
+                if portable.hypot(*(meeting - points[corner])) < 2:
                     moved[corner] = meeting
         away = np.arange(1, cut)
         keep[(corner - away) % n] = keep[(corner + away) % n] = False
@@ -226,8 +227,9 @@ def fitted_path(
         ends = np.unique([0, *corners, n - 1])
     else:
         ends = np.append(corners, corners[0] + n) if len(corners) else np.array([0, n])
+    # Pieces have about six points.
     starts = [
-        np.linspace(a, b, max(round((b - a) / PIECE), 1), endpoint=False).astype(np.int64)
+        np.linspace(a, b, max(round((b - a) / 6), 1), endpoint=False).astype(np.int64)
         for a, b in itertools.pairwise(ends)
     ]
     start = np.append(np.unique(np.concatenate(starts)), ends[-1])
@@ -237,9 +239,189 @@ def fitted_path(
     if not closed:
         gap[-1] = 0.0
     weight = weight_at(points) * 0.5 * (gap + np.roll(gap, 1))
-    count = len(start) - 1
-    empty = np.empty((count, 4, 2)), np.empty(count, bool)
-    segments, curved = merge_pieces(
-        points, weight, start, closed, *empty, False, unit, rate, NOISE**2
+    return merged_path(points, weight, start, None, closed, unit, rate, NOISE**2)
+
+
+class _Fit(NamedTuple):
+    """A segment (4, 2), the weighted squared error of the points of a piece, and its bytes."""
+
+    segment: Floats
+    is_curve: bool
+    error: float
+    size: float
+
+
+_Run = tuple[int, int]  # first and last point of a piece
+
+
+class _Pieces:
+    """The pieces of a path, each with its run, its fit, and the indices of its neighbours, or -1.
+
+    A piece that was merged into the one before it is no longer among those of `order`.
+    """
+
+    def __init__(self, runs: list[_Run], fits: list[_Fit], closed: bool) -> None:
+        n = len(runs)
+        self.run, self.fit, self._left, self._first = runs, fits, n, 0
+        self.after = [*range(1, n), 0 if closed else -1]
+        self._before = [n - 1 if closed else -1, *range(n - 1)]
+
+    def order(self) -> Iterator[int]:
+        """Yield the indices of the pieces along the path."""
+        k = self._first
+        for _ in range(self._left):
+            yield k
+            k = self.after[k]
+
+    def merge(
+        self, least: int, fitted: Callable[[_Run], _Fit], cost: Callable[[_Fit], float]
+    ) -> None:
+        """Merge neighbours while that lowers the cost, and at least `least` pieces are left."""
+        if self._left <= least:
+            return
+        gain, pair = np.full(len(self.fit), -np.inf), {}
+
+        def offer(k: int) -> None:
+            """Fit a piece together with the next one, if there is one."""
+            gain[k] = -np.inf
+            if (j := self.after[k]) >= 0:
+                (first, last), (begin, end) = self.run[k], self.run[j]
+                pair[k] = (first, last + end - begin), fitted((first, last + end - begin))
+                gain[k] = cost(self.fit[k]) + cost(self.fit[j]) - cost(pair[k][1])
+
+        for k in self.order():
+            offer(k)
+        while self._left > least and gain[k := int(gain.argmax())] > 0:
+            j = self.after[k]
+            self.run[k], self.fit[k] = pair[k]
+            self.after[k] = after = self.after[j]
+            if after >= 0:
+                self._before[after] = k
+            self._first = k if j == self._first else self._first
+            self._left, gain[j] = self._left - 1, -np.inf
+            offer(k)
+            if self._before[k] >= 0:
+                offer(self._before[k])
+
+    def move_joins(self, fitted: Callable[[_Run], _Fit]) -> None:
+        """Move the smooth joins of the curves of a closed path while that lowers the error.
+
+        Pieces are merged from where a contour happens to begin, so one curve of a disc can be much
+        longer than the others, and farther off. This counts most if there are at most three curves
+        (docs/decisions/areas.md).
+        """
+        if self._left > 3:
+            return
+        for shift, k in itertools.product((8, 4, 2, 1), list(self.order())):
+            j = self.after[k]
+            u = self.fit[k].segment[3] - self.fit[k].segment[2]
+            v = self.fit[j].segment[1] - self.fit[j].segment[0]
+            turn = portable.arctan2(u[0] * v[1] - u[1] * v[0], portable.dot(u, v))
+            for by in (-shift, shift) if abs(turn) < 0.2 else ():
+                while True:
+                    (first, last), (begin, end) = self.run[k], self.run[j]
+                    if min(last - first + by, end - begin - by) <= 1:
+                        break
+                    before = fitted((first, last + by))
+                    after = fitted((last + by, last + end - begin))
+                    if before.error + after.error >= self.fit[k].error + self.fit[j].error:
+                        break
+                    self.run[k], self.run[j] = (first, last + by), (begin + by, end)
+                    self.fit[k], self.fit[j] = before, after
+
+
+def sampled(segments: Floats, curved: Bools, count: Ints) -> Floats:
+    """Return points (n, 2) at equal steps along the segments (k, 4, 2) of a path.
+
+    count  (k,) number of points of each segment. Its end is left out
+    """
+    owner = np.repeat(np.arange(len(count)), count)
+    t = (np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)) / count[owner]
+    u = 1 - t
+    cubic = [u * u * u, 3 * u * u * t, 3 * u * t * t, t * t * t]
+    basis = np.where(curved[owner], cubic, [u, np.zeros_like(t), 0 * t, t])
+    return (basis.T[..., None] * segments[owner]).sum(axis=1)
+
+
+def fitted_curve(points: Floats) -> Floats:
+    """Return the cubic (4, 2) that is closest to a run of points (n, 2)."""
+    n, segment = len(points), np.empty((4, 2))
+    ends = np.array([0, n - 1])
+    _fit_run(
+        n, points, np.ones(n), 0.0, np.empty(2 * n + 2), ends, True, 1.0, 0.0, segment, np.empty(3)
     )
+    return segment
+
+
+def merged_path(
+    points: Floats, weight: Floats, start: Ints, path: Path | None, closed: bool, unit: float,
+    rate: float, noise: float,
+) -> Path:  # fmt: skip
+    """Merge neighbouring pieces while that lowers the cost. Return the path of those that are left.
+
+    points, weight  (n, 2) points and (n,) weights, already multiplied by the length that a point
+                    stands for
+    start     (m + 1,) index of the first point of each piece, and of the last point of the last
+              one. The last index of a closed path is start[0] + n
+    path      path whose m segments are those of the pieces at the beginning, without error. None:
+              they are fitted first
+    unit      user unit of path data in px
+    rate      squared error that a byte must save
+    noise     mean squared distance in px by which points are off. Smaller distances cost little
+    """
+    run, segment, result = np.zeros(2, np.int64), np.empty((4, 2)), np.empty(3)
+    places = np.empty(2 * len(points) + 2)
+    fit_curve, fit_any = (
+        _fit_run.prepared(
+            len(points), points, weight, noise, places, run, only_curves, unit, rate, segment,
+            result,
+        )
+        for only_curves in (True, False)
+    )  # fmt: skip
+
+    def best_of(fit: Callable[[], int], ends: _Run) -> _Fit:
+        run[:] = ends
+        fit()
+        is_curve, error, size = result.tolist()
+        return _Fit(segment.copy(), bool(is_curve), error, size)
+
+    def curve(ends: _Run) -> _Fit:
+        return best_of(fit_curve, ends)
+
+    def line_or_curve(ends: _Run) -> _Fit:
+        return best_of(fit_any, ends)
+
+    def cost(fit: _Fit) -> float:
+        return fit.error + rate * fit.size
+
+    runs = list(itertools.pairwise(start.tolist()))
+    # A smooth run becomes few curves only if lines do not compete while it is merged: two short
+    # lines have fewer bytes than the curve that replaces them.
+    if path is None:
+        fits = [curve(ends) for ends in runs]
+    else:
+        count = len(path.curved)
+        sizes = bytes_of(path.segments, np.ones(count, bool), unit).tolist()
+        fits = list(map(_Fit, path.segments, path.curved.tolist(), [0.0] * count, sizes))
+    pieces = _Pieces(runs, fits, closed)
+    least = 2 if closed else 1
+    pieces.merge(least, curve, cost)
+    if closed:
+        pieces.move_joins(curve)
+    # Now straight lines may replace curves, and merge.
+    for k in pieces.order():
+        fit, old = line_or_curve(pieces.run[k]), pieces.fit[k]
+        if not fit.is_curve and cost(fit) < cost(old):
+            pieces.fit[k] = fit
+        elif not old.is_curve:
+            size = float(bytes_of(old.segment[None], np.zeros(1, bool), unit)[0])
+            pieces.fit[k] = old._replace(size=size)
+    pieces.merge(least, line_or_curve, cost)
+    left = [pieces.fit[k] for k in pieces.order()]
+    segments, curved = np.array([fit.segment for fit in left]), np.array([f.is_curve for f in left])
+    # Neighbours share their nodes exactly.
+    segments[1:, 0] = segments[:-1, 3]
+    if closed:
+        segments[0, 0] = segments[-1, 3]
+    segments[~curved, 1], segments[~curved, 2] = segments[~curved, 0], segments[~curved, 3]
     return Path(segments, curved, closed)

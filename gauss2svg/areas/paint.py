@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from scipy.ndimage import find_objects
 
-from gauss2svg.areas.kernels import FLAT, LINEAR, RADIAL, SHADES, Floats, Ints
-from gauss2svg.areas.masks import LEVEL, Box, pixels_of
+from gauss2svg.areas.arrays import LEVEL, Floats, Ints, pixels_of
+from gauss2svg.core import Kernel
 from gauss2svg.portable import cos, dot, exp, hypot, least_squares, main_axis, product, sin, solve
 from gauss2svg.scene.areas import LinearGradient, RadialGradient
 
 EVEN = 2 * LEVEL  # largest difference from the median within a region of one colour
-LEAST_SHADED, LEAST_ROUND = 60, 200  # px; smaller regions have one colour, or no radial gradient
-MOST_SAMPLES = 2500  # px of a region to which gradients are fitted
-MOST_STOPS = 7
 GOOD = 1.2 * LEVEL  # root mean square error at which a gradient gets no more stops
 # A gradient must halve the error of one colour, and a radial one must be better than a linear one.
 GAIN, ROUND_GAIN = 0.5, 0.8
 ALIKE = 2.6 * LEVEL  # largest difference of two colours that become one
-BINS, STOP_BINS = 40, 200  # places along a gradient at which colours are averaged
-PART = 4 * LEVEL  # largest difference of a pixel from a gradient that draws it
-MOST_OFF = 0.05  # largest share of a part that differs more
-MOST_SLOPE = 0.1  # change over 2 px; an edge beside the region has a steeper slope
-MOST_MOVES = 120  # iterations of the search for the centre of a radial gradient
-MOST_STRETCH = 7.0  # largest logarithm of the ratio of radii; files have none of a billion px
-NEAR = 3  # px between parts of one gradient
 PRIOR, PRIOR_PER_PX = 0.5, 0.3  # weight of a colour's first value, and more for each pixel of it
+SHADES = 1024  # colours of a gradient's table (gauss2svg/core/paints.h)
 
+_explain_pixels = Kernel(
+    "explain_pixels",
+    "int int int float32 int32 int64 float64 float32 int int64 int64 float64 int int32 float32"
+    " float32",
+)
 
 Gradient = LinearGradient | RadialGradient
 
@@ -45,14 +44,14 @@ class Paint:
     ) -> None:
         self.color, self.gradient = np.asarray(color, np.float64), gradient
         self.opacity, self.prior = opacity, PRIOR
-        self.form, self.place = FLAT, np.zeros(4)
+        # As the kernels read them (gauss2svg/core/paints.h)
+        self.form, self.place = 0, np.zeros(4)
         if isinstance(gradient, LinearGradient):
             axis = np.subtract(gradient.end, gradient.start)
             axis /= dot(axis, axis)
-            self.form, self.place = LINEAR, np.array([*axis, -dot(axis, gradient.start), 0.0])
+            self.form, self.place = 1, np.array([*axis, -dot(axis, gradient.start), 0.0])
         elif gradient is not None:
-            self.form = RADIAL
-            self.place = np.array([*gradient.center, *np.divide(1, gradient.radii)])
+            self.form, self.place = 2, np.array([*gradient.center, *np.divide(1, gradient.radii)])
 
     @property
     def is_shaded(self) -> bool:
@@ -76,19 +75,22 @@ class Paint:
 
 
 def paint_of(pixels: Floats, ys: Ints, xs: Ints) -> Paint:
-    """Return the paint of the region at these pixels (n,)."""
+    """Return the paint of the region at these pixels (n,).
+
+    A region of fewer than 60 pixels has one colour, and one of fewer than 200 no radial gradient.
+    """
     values = pixels[ys, xs].astype(np.float64)
     paint = Paint(np.median(values, axis=0))
     opaque = values.shape[1] == 3 or np.abs(values[:, :3] - values[:, 3:]).max() <= EVEN
-    if np.abs(values - paint.color).max() <= EVEN or len(ys) < LEAST_SHADED or not opaque:
+    if np.abs(values - paint.color).max() <= EVEN or len(ys) < 60 or not opaque:
         return paint
     chosen = np.arange(len(ys))
-    if len(ys) > MOST_SAMPLES:
-        chosen = np.random.default_rng(1).choice(len(ys), MOST_SAMPLES, replace=False)
+    if len(ys) > 2500:  # enough for a gradient
+        chosen = np.random.default_rng(1).choice(len(ys), 2500, replace=False)
     points, colors = np.stack([xs, ys], axis=1)[chosen] + 0.5, values[chosen][:, :3]
     even_error = np.sqrt(np.mean((colors - paint.color[:3]) ** 2))
     gradient, error = _linear(points, colors)
-    if error > 1.25 * GOOD and len(ys) >= LEAST_ROUND:
+    if error > 1.25 * GOOD and len(ys) >= 200:
         radial, radial_error = _radial(pixels, ys[chosen], xs[chosen], colors)
         if radial_error < ROUND_GAIN * error:
             gradient, error = radial, radial_error
@@ -133,7 +135,7 @@ def _radial(
     )
     steep = np.abs(across) + np.abs(down)
     points = np.stack([xs, ys], axis=1) + 0.5
-    inner = steep.max(axis=1) < MOST_SLOPE
+    inner = steep.max(axis=1) < 0.1  # an edge beside the region has a steeper slope over 2 px
     normal = np.stack([-down[inner], across[inner]], axis=-1).reshape(-1, 2)
     at = np.repeat(points[inner], 3, axis=0)
     matrix = product(normal.T, normal)
@@ -152,23 +154,17 @@ def _radial(
     for first in (np.clip(meeting, low, high), points.mean(axis=0)):
         start = np.append(first / scale, 0.0)
         simplex = np.vstack([start, start + 0.1 * np.eye(3)])
-        options = {"maxiter": MOST_MOVES, "initial_simplex": simplex}
-        results.append(
-            minimize(
-                lambda v: _spread(radius(v), colors), start, method="Nelder-Mead", options=options
-            )
-        )
+        options = {"maxiter": 120, "initial_simplex": simplex}
+        error = lambda v: _spread(radius(v), colors)  # noqa: E731
+        results.append(minimize(error, start, method="Nelder-Mead", options=options))
     v = min(results, key=lambda result: result.fun).x
-    if abs(v[2]) > MOST_STRETCH:
+    if abs(v[2]) > 7:  # files have no radii of a billion px
         return None, np.inf
     v[2] = 0.0 if abs(v[2]) < 0.02 else v[2]
     places, stops, error = _stops(radius(v), colors)
-    outer = places[-1]
-    radii = outer, outer * exp(-v[2])
-    offsets = np.clip(places / outer, 0, 1)
-    return RadialGradient(
-        tuple(offsets), tuple(map(tuple, stops)), tuple(v[:2] * scale), radii
-    ), error
+    radii = places[-1], places[-1] * exp(-v[2])
+    offsets = tuple(np.clip(places / places[-1], 0, 1))
+    return RadialGradient(offsets, tuple(map(tuple, stops)), tuple(v[:2] * scale), radii), error
 
 
 def _binned(place: Floats, colors: Floats, count: int) -> tuple[Floats, Floats, Ints, float]:
@@ -186,7 +182,7 @@ def _binned(place: Floats, colors: Floats, count: int) -> tuple[Floats, Floats, 
 
 def _spread(place: Floats, colors: Floats) -> float:
     """Return the squared error of colours (n, 3) that depend only on their place (n,)."""
-    return _binned(place, colors, BINS)[3]
+    return _binned(place, colors, 40)[3]
 
 
 def _stops(place: Floats, colors: Floats) -> tuple[Floats, Floats, float]:
@@ -195,7 +191,7 @@ def _stops(place: Floats, colors: Floats) -> tuple[Floats, Floats, float]:
     Stops are added one by one, each where it lowers the error most.
     """
     low, high = place.min(), place.max()
-    at, mean, size, within = _binned(place, colors, STOP_BINS)
+    at, mean, size, within = _binned(place, colors, 200)
     weight = np.sqrt(size)[:, None]
 
     def fitted(knots: Floats) -> tuple[float, Floats]:
@@ -206,7 +202,7 @@ def _stops(place: Floats, colors: Floats) -> tuple[Floats, Floats, float]:
 
     knots = np.array([low, high])
     error, stops = fitted(knots)
-    while error > GOOD and len(knots) < MOST_STOPS:
+    while error > GOOD and len(knots) < 7:
         tried = [
             np.sort(np.append(knots, z))
             for z in np.linspace(low, high, 26)[1:-1]
@@ -244,7 +240,7 @@ def join_parts_of_gradients(pixels: Floats, labels: Ints, paints: list[Paint]) -
     """Join regions to a larger one whose gradient draws them. `labels` and `paints` are changed.
 
     Where a gradient bends or is steep, as around the middle of a radial one, its pixels are not one
-    core.
+    core. Such parts are less than 3 px apart, and at most a 20th of their pixels differ.
     """
     boxes = find_objects(labels + 1, max_label=len(paints))
     for k, paint in enumerate(paints):
@@ -252,18 +248,50 @@ def join_parts_of_gradients(pixels: Floats, labels: Ints, paints: list[Paint]) -
             continue
         joined = False
         for j in range(k + 1, len(paints)):
-            if boxes[j] is None or not _overlap(boxes[k], boxes[j]):
+            if boxes[j] is None or any(
+                a.start >= b.stop + 3 or b.start >= a.stop + 3
+                for a, b in zip(boxes[k], boxes[j], strict=True)
+            ):
                 continue
             ys, xs = pixels_of(labels[boxes[j]] == j, boxes[j])
-            off = np.abs(pixels[ys, xs] - paint.at(xs, ys)).max(axis=1) > PART
-            if np.count_nonzero(off) <= MOST_OFF * len(ys):
+            off = np.abs(pixels[ys, xs] - paint.at(xs, ys)).max(axis=1) > 4 * LEVEL
+            if np.count_nonzero(off) <= 0.05 * len(ys):
                 labels[ys, xs] = k
                 boxes[j], joined = None, True
         if joined:
             paints[k] = paint_of(pixels, *np.nonzero(labels == k))
 
 
-def _overlap(first: Box, second: Box) -> bool:
-    """Return whether two boxes have less than NEAR px between them."""
-    pairs = zip(first, second, strict=True)
-    return all(a.start < b.stop + NEAR and b.start < a.stop + NEAR for a, b in pairs)
+class Palette(NamedTuple):
+    """The paints of regions, as the kernels read them (gauss2svg/core/paints.h).
+
+    form, place, table  (k,), (k, 4) and (k, SHADES, c)
+    """
+
+    form: Ints
+    place: Floats
+    table: Floats
+
+    @classmethod
+    def of(cls, paints: Sequence[Paint]) -> Palette:
+        """Return the palette of some paints."""
+        return cls(*(np.array([getattr(p, name) for p in paints]) for name in cls._fields))
+
+    def explain(
+        self, pixels: Floats, labels: Ints, at: tuple[Ints, Ints], extra: Floats | None = None,
+        name: int = -1,
+    ) -> tuple[Ints, Floats, Floats]:  # fmt: skip
+        """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels.
+
+        at     rows and columns (n,) of the pixels
+        extra  (c,) one more colour, whose label is `name`
+        """
+        n = len(at[0])
+        label = np.empty((n, 3), np.int32)
+        share, error = np.empty((n, 3), np.float32), np.empty(n, np.float32)
+        color = np.zeros(pixels.shape[2]) if extra is None else np.asarray(extra, np.float64)
+        labels, (ys, xs) = labels.astype(np.int32, copy=False), np.array(at)
+        _explain_pixels(
+            *pixels.shape, pixels, labels, *self, n, ys, xs, color, name, label, share, error
+        )
+        return label, share, error

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -25,23 +26,18 @@ from numpy.typing import NDArray
 from gauss2svg.scene.areas import Area, Color, Outline
 
 if TYPE_CHECKING:  # all runs import this module, and few need the kernels
-    from gauss2svg.areas.kernels import Bools, Floats, Ints
+    from gauss2svg.areas.arrays import Bools, Floats, Ints
 
-MOST_COLORS, CELLS_EACH = 128, 4  # colours of a sprite, and the mean number of cells of each
+MOST_COLORS = 128  # largest number of colours of a sprite
 MOST_CHANGES = 2**15  # pairs of neighbouring cells that differ. The file then has up to 290 kB
-SAMPLE = 2**13  # pixels of which the colours are counted before those of the others are
 # A colour is one of antialiased edges or gradients if BLENDED of its pixels lie between two others,
-# whose colours differ by over CONTRAST levels and mix to it. Sprites have fewer than MOST_BLENDED
-# of the pixels at edges in such colours, drawings over twice as many (docs/decisions/areas.md).
-BLENDED, MOST_BLENDED, CONTRAST, OFF_LINE = 0.6, 0.03, 6.0, 0.1
-VISIBLE = 3  # px of a side from which on cells are kept even if they were antialiased once
+# whose colours mix to it. Sprites have fewer than MOST_BLENDED of the pixels at edges in such
+# colours, drawings over twice as many (docs/decisions/areas.md).
+BLENDED, MOST_BLENDED = 0.6, 0.03
 # Neighbours whose colours differ by at most SLIGHT levels are steps of a gradient, or noise. A
 # sprite has them at less than MOST_SLIGHT of its edges. The first value is for smaller cells.
 SLIGHT, MOST_SLIGHT = (12, 3), 0.2
-# About how many bytes of path data an upright or level line takes, and one of 45 degrees.
-STRAIGHT, DIAGONAL = 2.5, 4.5
 MOST_TRIED = 1e7  # cells of all layers that are tried in search of the best order
-PASSES = 4  # times that neighbouring layers are swapped, as long as this makes the file shorter
 # Steps along x and y of the eight directions of outlines, clockwise from the right.
 ACROSS, DOWN = (1, 1, 0, -1, -1, -1, 0, 1), (0, 1, 1, 1, 0, -1, -1, -1)
 
@@ -65,7 +61,8 @@ def sprite_of(pixels: NDArray[np.float32]) -> Sprite | None:
     pixels  (h, w, 3), or (h, w, 4) with straight alpha, in 0..1
     """
     height, width = pixels.shape[:2]
-    step = max(1, math.isqrt(height * width // SAMPLE))
+    # In photos, some pixels have enough colours.
+    step = max(1, math.isqrt(height * width // 2**13))
     if len(np.unique(_codes(pixels[::step, ::step]))) > MOST_COLORS:
         return None
     codes = _codes(pixels)
@@ -76,10 +73,10 @@ def sprite_of(pixels: NDArray[np.float32]) -> Sprite | None:
         return None
     colors, cells = np.unique(codes[::side, ::side], return_inverse=True)
     cells = cells.reshape(height // side, width // side)
-    if not 2 <= len(colors) <= min(MOST_COLORS, cells.size // CELLS_EACH):
+    if not 2 <= len(colors) <= min(MOST_COLORS, cells.size // 4):
         return None
     levels = colors[:, None] >> np.array([0, 8, 16, 24]) & 255
-    is_visible = side >= VISIBLE
+    is_visible = side >= 3  # such cells are kept even if they were antialiased once
     if _slight_share(cells, levels, SLIGHT[is_visible]) > MOST_SLIGHT:
         return None
     if not is_visible and _blended_share(cells, levels) > MOST_BLENDED:
@@ -118,8 +115,8 @@ def _blended_share(cells: Ints, levels: NDArray[np.int64]) -> float:
         square = (way**2).sum(axis=1)
         share = ((here - before) * way).sum(axis=1) / np.maximum(square, 1)
         off = ((here - before - share[:, None] * way) ** 2).sum(axis=1)
-        is_mixed = (square > CONTRAST**2) & (share > 0) & (share < 1)
-        is_mixed &= off <= np.maximum(OFF_LINE**2 * square, 3**2)
+        is_mixed = (square > 6**2) & (share > 0) & (share < 1)
+        is_mixed &= off <= np.maximum(0.1**2 * square, 3**2)
         mix[at[0] + 1, at[1]] |= is_mixed
     counts = np.bincount(cells.ravel(), minlength=len(levels))
     blended = np.bincount(cells.ravel(), mixed.ravel(), len(levels)) > BLENDED * counts
@@ -154,7 +151,7 @@ class _Layers:
     def __init__(self, sprite: Sprite, overlap: bool) -> None:
         self._sprite, self._overlap, self._tried = sprite, overlap, 0
         self._cells = np.pad(sprite.cells, 2, constant_values=-1)
-        self._costs = dict[tuple[int, frozenset[int]], float]()
+        self._cost = cache(lambda color, above: self._shortest(color, above)[0])
         self._boxes = list[tuple[slice, slice]]()
         for color in range(len(sprite.levels)):
             places = np.nonzero(self._cells == color)
@@ -173,12 +170,12 @@ class _Layers:
         kind = (alpha > 0).astype(int) + (alpha == 255)
         order = np.lexsort((-count, kind)).tolist()
         is_free = bool(kind.min() == 2)  # the first layer is the background, and costs nothing
-        for _ in range(PASSES):
+        for _ in range(4):
             is_same = True
             for k in range(np.count_nonzero(kind < 2), len(order) - 1):
-                first, second, above = order[k], order[k + 1], order[k + 2 :]
+                first, second, above = order[k], order[k + 1], frozenset(order[k + 2 :])
                 now, then = (
-                    (k > 0 or not is_free) * self._cost(a, [b, *above]) + self._cost(b, above)
+                    (k > 0 or not is_free) * self._cost(a, above | {b}) + self._cost(b, above)
                     for a, b in ((first, second), (second, first))
                 )
                 if then < now:
@@ -199,12 +196,6 @@ class _Layers:
             Outline(tuple(map(tuple, (points + corner) * half)), (False,) * len(points))
             for points in _loops(starts)
         )
-
-    def _cost(self, color: int, above: Collection[int]) -> float:
-        key = color, frozenset(above)
-        if key not in self._costs:
-            self._costs[key] = self._shortest(color, above)[0]
-        return self._costs[key]
 
     def _shortest(self, color: int, above: Collection[int]) -> tuple[float, Bools]:
         """Return the cost and the edges of the shortest layer of a colour.
@@ -281,11 +272,14 @@ def _edges(shape: Bools) -> Bools:
 
 
 def _cost_of(starts: Bools) -> float:
-    """Return about how many bytes of path data edges take."""
+    """Return about how many bytes of path data edges take.
+
+    An upright or level line has 2.5 bytes, and one of 45 degrees 4.5.
+    """
     cost = 0.0
     for k, (across, down) in enumerate(zip(ACROSS, DOWN, strict=True)):
         goes_on = np.roll(starts[k], (down, across), axis=(0, 1))
-        cost += (DIAGONAL if k % 2 else STRAIGHT) * np.count_nonzero(starts[k] & ~goes_on)
+        cost += (4.5 if k % 2 else 2.5) * np.count_nonzero(starts[k] & ~goes_on)
     return cost
 
 

@@ -1,25 +1,32 @@
-"""Regions: labels of pixels of one even colour, and the shares of them in the pixels between."""
+"""Regions: labels of pixels of one even colour, shares of them in the pixels between, and layers.
+
+Larger regions lie below smaller ones. A region covers its own share of each pixel, and reaches
+under the regions beside it that are drawn later, so that no seam shows between them. It also lies
+under what it encloses. But the ground is no layer: where it shows, regions have holes.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
 from gauss2svg import portable
-from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.masks import BLOCK, LEVEL, Box, dilated, widened
-from gauss2svg.areas.paint import Paint
+from gauss2svg.areas import arrays
+from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Box, Floats, Ints
+from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
 FLAT = 4 * LEVEL  # largest difference of values in a block of pixels of one colour
 BEND = 2.1 * LEVEL  # largest second difference of values that are evenly shaded
 STEEP = 0.03  # largest difference of neighbouring values that are evenly shaded
-LEAST_CORE = 4  # px; smaller cores are no regions
+REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/areas.md)
+
+_grow_labels = Kernel("grow_labels", "int int int float32 int32 int32 float64")
 
 
 def cores_of(pixels: Floats) -> tuple[Ints, int]:
@@ -29,19 +36,14 @@ def cores_of(pixels: Floats) -> tuple[Ints, int]:
     FLAT, or which are shaded evenly. Neighbours of nearly the same values have the same label. All
     other pixels have the label -1. Larger cores have smaller labels.
     """
-    return cores_of_blocks(pixels, _even_blocks(pixels), max(FLAT, STEEP))
-
-
-def _even_blocks(pixels: Floats) -> Bools:
-    """Return whether the pixels of the block of 2 x 2 that ends at each pixel are even (h, w)."""
-    spread = over_blocks(pixels, np.maximum) - over_blocks(pixels, np.minimum)
-    spread = spread.max(axis=-1)
+    spread = (over_blocks(pixels, np.maximum) - over_blocks(pixels, np.minimum)).max(axis=-1)
     bend = over_blocks(bend_of(pixels), np.maximum)
-    return (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
+    is_even = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
+    return cores_of_blocks(pixels, is_even, max(FLAT, STEEP))
 
 
 def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, int]:
-    """Return the labels (h, w) of cores, and their number.
+    """Return the labels (h, w) of cores of at least 4 pixels, and their number.
 
     block  (h, w) whether the pixels of the block of 2 x 2 that ends at a pixel are alike
     most   largest difference of neighbours of one core
@@ -54,19 +56,18 @@ def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, in
     h, w = core.shape
     joined = np.zeros((2 * h - 1, 2 * w - 1), bool)
     joined[::2, ::2] = core
-    joined[1::2, ::2] = core[1:] & core[:-1] & _are_near(pixels[1:], pixels[:-1], most)
-    joined[::2, 1::2] = core[:, 1:] & core[:, :-1] & _are_near(pixels[:, 1:], pixels[:, :-1], most)
+    for between, one, other in (
+        (np.s_[1::2, ::2], np.s_[1:], np.s_[:-1]),
+        (np.s_[::2, 1::2], np.s_[:, 1:], np.s_[:, :-1]),
+    ):
+        are_near = np.abs(pixels[one] - pixels[other]).max(axis=-1) <= most
+        joined[between] = core[one] & core[other] & are_near
     labels: Any = ndimage.label(joined)
     component = labels[0][::2, ::2].copy()
     del labels, joined  # four times as large
     names, counts = np.unique(component[core], return_counts=True)
-    kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= LEAST_CORE)]
+    kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= 4)]
     return renamed(component, kept), len(kept)
-
-
-def _are_near(one: Floats, other: Floats, most: float) -> Bools:
-    """Return which pixels (h, w) of two pictures differ by at most `most`."""
-    return np.abs(one - other).max(axis=-1) <= most
 
 
 def bend_of(pixels: Floats) -> Floats:
@@ -94,12 +95,45 @@ def renamed(labels: Ints, names: Ints) -> Ints:
     return table[labels]
 
 
-_grow_labels = Kernel("grow_labels", "int int int float32 int32 int32 float64")
-_explain_pixels = Kernel(
-    "explain_pixels",
-    "int int int float32 int32 int64 float64 float32 int int64 int64 float64 int int32 float32"
-    " float32",
-)
+def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints, int]:
+    """Return the cores without those that are shades of an edge or of a thin line.
+
+    Such a core is at most two pixels wide, and its colour lies between that of the one region
+    beside it and that of a pixel or of another region nearby.
+    """
+    labels = labels.copy()
+    order = np.argsort(labels, axis=None, kind="stable")
+    ends = np.cumsum(np.bincount(labels.ravel() + 1, minlength=count + 1))
+    values = pixels.reshape(labels.size, -1)[order]
+    median = np.zeros((count, pixels.shape[2]))
+    for k, (start, end) in enumerate(itertools.pairwise(ends)):
+        middle = np.median if end - start < 1000 else np.mean  # a median takes long
+        median[k] = middle(values[start:end], axis=0)
+    for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
+        if box is None:
+            continue
+        near = arrays.widened(box, 3, labels.shape)
+        inside = labels[near] == k
+        if ndimage.binary_erosion(inside, BLOCK, border_value=1).any():
+            continue
+        ring = arrays.dilated(inside, 2) & ~inside
+        beside, counts = np.unique(labels[near][ring & (labels[near] >= 0)], return_counts=True)
+        beside = beside[counts > 0.12 * counts.sum()]
+        # All that is beside it must have nearly one colour.
+        if not len(beside) or np.abs(median[beside] - median[beside[0]]).max() > 0.1:
+            continue
+        ground, shade = median[beside[0]], median[k] - median[beside[0]]
+        wide = labels[arrays.widened(box, 27, labels.shape)]
+        others = median[np.unique(wide[wide >= 0])]
+        for colors, most, least in ((pixels[near][ring], 0.93, 2), (others, 0.9, 1)):
+            axis = colors - ground
+            share = portable.product(axis, shade) / np.maximum((axis**2).sum(axis=1), 1e-9)
+            off = ((shade - share[:, None] * axis) ** 2).sum(axis=1)
+            if np.count_nonzero((share < most) & (share > 0.05) & (off < 1e-3)) >= least:
+                labels[labels == k] = -1
+                break
+    names = np.unique(labels[labels >= 0])
+    return renamed(labels, names), len(names)
 
 
 def grown(pixels: Floats, labels: Ints) -> Ints:
@@ -137,41 +171,6 @@ class Shares:
         return np.take_along_axis(self.label, at, axis=-1)[..., 0]
 
 
-class Palette(NamedTuple):
-    """The paints of regions, as the kernels read them (gauss2svg/core/paints.h).
-
-    form, place, table  (k,), (k, 4) and (k, SHADES, c)
-    """
-
-    form: Ints
-    place: Floats
-    table: Floats
-
-    @classmethod
-    def of(cls, paints: Sequence[Paint]) -> Palette:
-        """Return the palette of some paints."""
-        return cls(*(np.array([getattr(p, name) for p in paints]) for name in cls._fields))
-
-    def explain(
-        self, pixels: Floats, labels: Ints, at: tuple[Ints, Ints], extra: Floats | None = None,
-        name: int = -1,
-    ) -> tuple[Ints, Floats, Floats]:  # fmt: skip
-        """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels.
-
-        at     rows and columns (n,) of the pixels
-        extra  (c,) one more colour, whose label is `name`
-        """
-        n = len(at[0])
-        label = np.empty((n, 3), np.int32)
-        share, error = np.empty((n, 3), np.float32), np.empty(n, np.float32)
-        color = np.zeros(pixels.shape[2]) if extra is None else np.asarray(extra, np.float64)
-        labels, (ys, xs) = labels.astype(np.int32, copy=False), np.array(at)
-        _explain_pixels(
-            *pixels.shape, pixels, labels, *self, n, ys, xs, color, name, label, share, error
-        )
-        return label, share, error
-
-
 def shares_of(pixels: Floats, cores: Ints, labels: Ints, palette: Palette) -> Shares:
     """Return the shares of regions. A pixel of a core belongs to its region alone."""
     h, w, _ = pixels.shape
@@ -184,46 +183,65 @@ def shares_of(pixels: Floats, cores: Ints, labels: Ints, palette: Palette) -> Sh
     return Shares(label, share, error)
 
 
-MOST_MEDIAN = 1000  # px; larger regions have a mean, because a median takes long
-LEAST_BESIDE = 0.12  # share of the ring around a core; a region with less is not beside it
-SAME = 0.1  # largest difference of the colours of regions that count as one ground
+def join_touching(shares: Shares, paints: list[Paint]) -> Ints:
+    """Join regions of one paint that touch, and return the largest region (h, w) of each pixel.
 
-
-def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints, int]:
-    """Return the cores without those that are shades of an edge or of a thin line.
-
-    Such a core is at most two pixels wide, and its colour lies between that of the one region
-    beside it and that of a pixel or of another region nearby.
+    The cores along a thin part are often apart, although the part is one area. Names in `shares`
+    are changed.
     """
-    labels = labels.copy()
-    order = np.argsort(labels, axis=None, kind="stable")
-    ends = np.cumsum(np.bincount(labels.ravel() + 1, minlength=count + 1))
-    values = pixels.reshape(labels.size, -1)[order]
-    median = np.zeros((count, pixels.shape[2]))
-    for k, (start, end) in enumerate(itertools.pairwise(ends)):
-        middle = np.median if end - start < MOST_MEDIAN else np.mean
-        median[k] = middle(values[start:end], axis=0)
-    for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
-        if box is None:
-            continue
-        near = widened(box, 3, labels.shape)
-        inside = labels[near] == k
-        if ndimage.binary_erosion(inside, BLOCK, border_value=1).any():
-            continue
-        ring = dilated(inside, 2) & ~inside
-        beside, counts = np.unique(labels[near][ring & (labels[near] >= 0)], return_counts=True)
-        beside = beside[counts > LEAST_BESIDE * counts.sum()]
-        if not len(beside) or np.abs(median[beside] - median[beside[0]]).max() > SAME:
-            continue
-        ground, shade = median[beside[0]], median[k] - median[beside[0]]
-        wide = labels[widened(box, 27, labels.shape)]
-        others = median[np.unique(wide[wide >= 0])]
-        for colors, most, least in ((pixels[near][ring], 0.93, 2), (others, 0.9, 1)):
-            axis = colors - ground
-            share = portable.product(axis, shade) / np.maximum((axis**2).sum(axis=1), 1e-9)
-            off = ((shade - share[:, None] * axis) ** 2).sum(axis=1)
-            if np.count_nonzero((share < most) & (share > 0.05) & (off < 1e-3)) >= least:
-                labels[labels == k] = -1
-                break
-    names = np.unique(labels[labels >= 0])
-    return renamed(labels, names), len(names)
+    labels = shares.largest
+    known: dict[int, int] = {}
+    paint = np.array([known.setdefault(id(one), len(known)) for one in paints])
+    root = np.arange(len(paints), dtype=np.int32)
+    for first, second in ((labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])):
+        touching = (first != second) & (paint[first] == paint[second])
+        for a, b in np.unique(np.stack([first[touching], second[touching]]), axis=1).T:
+            root[root == root[b]] = root[a]
+    shares.label = np.append(root, np.int32(-1))[shares.label]
+    return root[labels]
+
+
+def masks_of(
+    labels: Ints, shares: Shares, count: int, is_ground: Bools, is_clear: Bools
+) -> Iterator[tuple[int, Floats, Box]]:
+    """Yield the regions that are not the ground, the lowest one first.
+
+    Each comes with the share (h, w) that it covers of the pixels of a box, and with this box.
+
+    is_ground  (count,) whether a region is part of the ground
+    is_clear   (count,) whether a region lets shine through what is below it
+    """
+    boxes: dict[int, Box] = {}
+    filled: dict[int, Bools] = {}
+    area = np.zeros(count)
+    for k, tight in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
+        if tight is not None and not is_ground[k]:
+            box = arrays.widened(tight, 2 + REACH, labels.shape)
+            boxes[k], filled[k] = box, np.asarray(ndimage.binary_fill_holes(labels[box] == k))
+            area[k] = filled[k].sum()
+    order = [int(k) for k in np.argsort(-area, kind="stable") if area[k]]
+    rank = np.full(count, -1)
+    rank[order] = np.arange(len(order))
+    is_open = is_ground | is_clear
+    for k in order:
+        box, whole = boxes[k], filled[k]
+        near = labels[box]
+        body, share = near == k, shares.of(k, box)
+        above = [j for j in np.unique(near) if rank[j] > rank[k] and not is_open[j]]
+        held = [j for j in above if whole[near == j].all()]
+        beside = np.unique(near[arrays.dilated(body, 1, None)])
+        others = [j for j in above if j in beside and j not in held]
+        if held or others:
+            over, under = shares.of(np.array(held + others), box), np.isin(near, held)
+            under |= arrays.dilated(body, REACH, None) & np.isin(near, others)
+            partly = (share > 0) & ~under
+            opening = is_open[near]
+            if opening.any():
+                under &= arrays.distance_to(body)[0] <= arrays.distance_to(opening)[0]
+            # What shows the ground through what is above the region must not show the region.
+            share = np.where(
+                under,
+                1.0 - shares.of(np.flatnonzero(is_open), box),
+                share + np.where(partly, over, 0),
+            )
+        yield k, np.clip(share, 0, 1), box

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.evened import without_shading
+from gauss2svg.areas.clean import without_shading
 from gauss2svg.areas.find import (
     LEAST_OPACITY,
     RATE,
@@ -40,7 +40,6 @@ MOST_PIXELS = 400 * 400  # larger pictures take more memory, and .2 px of them a
 # Points (12, 2) of the outline of a circle of radius 1, as four cubic curves
 _AROUND = [turn * place for turn in (1, 1j, -1, -1j) for place in (1, 1 + 0.5523j, 0.5523 + 1j)]
 _CIRCLE = np.array([(place.real, place.imag) for place in map(complex, _AROUND)])
-STEPS = 4  # number of steps of the refinement
 # Ratios of the errors of the raster and of exact coverage: before the steps, so high that another
 # renderer made the picture, and after them, at most that of a picture of this renderer
 UNLIKE, LIKELY = 8.0, 1.6
@@ -169,7 +168,7 @@ def as_rasterized(
     drawing.rasterize = raster
     is_closer = squared(drawing.draw() - pixels) <= UNLIKE * exact
     if is_closer:
-        drawing.refine(STEPS, colors=False)
+        drawing.refine(4, colors=False)
         is_closer = squared(drawing.draw() - pixels) <= LIKELY * exact
     drawing.rasterize = None  # it would keep the memory of the drawing
     return shown_areas(drawing)[0] if is_closer else areas

@@ -127,31 +127,28 @@ static Fit cubic_between(const Run *run, int64_t first, int64_t last) {
     return fit;
 }
 
-/* Fit the cheaper of a line and a cubic to each of `count` runs first..last of points.
+/* Fit the cheaper of a line and a cubic to the points run[0]..run[1].
 
 n, points, weight, noise, places  as in Run
-first, last  (count,) indices of points, any whole numbers. first <= last
+run          (2,) indices of points, any whole numbers. The first one is not larger
 only_curves  whether lines are left out
 unit, rate   user unit in px, and squared error that a byte must save
-segments, curved, error, bytes  (count, 4, 2) and (count,) outputs */
-API void fit_runs(int64_t n, const double (*points)[2], const double *weight, double noise,
-    double *places, int64_t count, const int64_t *first, const int64_t *last, int64_t only_curves,
-    double unit, double rate, double (*segments)[4][2], bool *curved, double *error,
-    double *bytes) {
-    const Run run = {points, weight, n, noise, places};
-    for (int64_t k = 0; k < count; k++) {
-        const int64_t begin = (first[k] % n + n) % n, end = begin + last[k] - first[k];
-        Fit best = cubic_between(&run, begin, end);
-        best.bytes = bytes_of((Segment){best.p, true}, unit);
-        if (!only_curves) {
-            Fit line = line_between(&run, begin, end);
-            line.bytes = bytes_of((Segment){line.p, false}, unit);
-            if (line.error + rate * line.bytes < best.error + rate * best.bytes)
-                best = line;
-        }
-        memcpy(segments[k], best.p, sizeof best.p);
-        curved[k] = best.is_curve;
-        error[k] = best.error;
-        bytes[k] = best.bytes;
+segment, result  (4, 2) output, and (3,) output: whether it is curved, its error and its bytes */
+API void fit_run(int64_t n, const double (*points)[2], const double *weight, double noise,
+    double *places, const int64_t *run, int64_t only_curves, double unit, double rate,
+    double (*segment)[2], double *result) {
+    const Run all = {points, weight, n, noise, places};
+    const int64_t begin = (run[0] % n + n) % n, end = begin + run[1] - run[0];
+    Fit best = cubic_between(&all, begin, end);
+    best.bytes = bytes_of((Segment){best.p, true}, unit);
+    if (!only_curves) {
+        Fit line = line_between(&all, begin, end);
+        line.bytes = bytes_of((Segment){line.p, false}, unit);
+        if (line.error + rate * line.bytes < best.error + rate * best.bytes)
+            best = line;
     }
+    memcpy(segment, best.p, sizeof best.p);
+    result[0] = best.is_curve;
+    result[1] = best.error;
+    result[2] = best.bytes;
 }

@@ -26,7 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.clean import UNBLED, cleaned, enlargement_of, noise_of
+from gauss2svg.areas.clean import (
+    UNBLED,
+    cleaned,
+    coded,
+    decoded,
+    enlargement_of,
+    noise_of,
+    quality_of,
+)
 from gauss2svg.areas.find import (
     RATE,
     UNIT,
@@ -37,7 +45,6 @@ from gauss2svg.areas.find import (
     find_areas,
     refined,
 )
-from gauss2svg.areas.jpeg import coded, decoded, quality_of
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr

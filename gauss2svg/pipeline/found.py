@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.curves import sampled
+from gauss2svg.areas.outlines import sampled
 from gauss2svg.areas.pixels import Sprite
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.photo.pixels import BACKDROPS, views

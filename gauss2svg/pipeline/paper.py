@@ -101,7 +101,7 @@ def _light_of(small: Values) -> Values | None:
     """Return the light (h, w, 3) of uneven paper, or None if the picture shows none."""
     from scipy import ndimage
 
-    from gauss2svg.areas.masks import dilated
+    from gauss2svg.areas.arrays import dilated
 
     side, luma = max(small.shape), portable.product(small, LUMA)
     smooth: Any = smoothed(luma, 1)
@@ -146,7 +146,7 @@ def _is_ink(darkness: Values, noise: float, ink: float) -> bool:
     """
     from scipy import ndimage
 
-    from gauss2svg.areas.masks import dilated
+    from gauss2svg.areas.arrays import dilated
 
     is_ink, dirt = darkness > ink / 2, max(NOISES * noise, DIRT)
     if ink < 0.4:
@@ -167,7 +167,7 @@ def _covered(darkness: Values, noise: float, ink: float) -> Values:
     """
     from scipy import ndimage
 
-    from gauss2svg.areas.masks import parts_of
+    from gauss2svg.areas.arrays import parts_of
 
     highest: Any = ndimage.maximum_filter(darkness, 9)
     own: Any = smoothed(highest, 1)

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
 from gauss2svg import portable
+from gauss2svg.areas.arrays import dilated, distance_to, widened
 from gauss2svg.areas.find import RATE, UNIT
-from gauss2svg.areas.masks import dilated, distance_to, widened
+from gauss2svg.areas.lines import parts_between, strokes_of
 from gauss2svg.areas.outlines import lengths_of
-from gauss2svg.areas.thin import parts_between, strokes_of
 from gauss2svg.render import render
 from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import Area, Scene

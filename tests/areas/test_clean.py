@@ -9,7 +9,7 @@ from PIL import Image
 from scipy.spatial import KDTree
 from test_find import DRAWINGS, color_of, drawn, points_of
 
-from gauss2svg.areas.clean import enlargement_of, noise_of
+from gauss2svg.areas.clean import coded, decoded, enlargement_of, noise_of, quality_of
 
 NAMES = [name for name in DRAWINGS if name != "a line"]
 
@@ -81,3 +81,26 @@ def test_a_photo_in_a_drawing_is_no_noise():
     rng = np.random.default_rng(1)
     picture[100:230, 20:236] = rng.random((130, 216, 3))
     assert noise_of(picture) == 0
+
+
+PICTURE = drawn(DRAWINGS["discs in discs"])
+
+
+@pytest.mark.parametrize("subsampling", ["4:2:0", "4:4:4"])
+@pytest.mark.parametrize("quality", [60, 75, 85, 90, 95])
+def test_the_quality_of_a_jpeg_is_found(quality, subsampling):
+    assert quality_of(as_jpeg(PICTURE, quality, subsampling)) == pytest.approx(quality, abs=2)
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_other_pictures_have_no_quality(name):
+    clean = drawn(DRAWINGS[name])
+    for picture in (clean, enlarged(as_jpeg(clean, 75), 0.5), enlarged(as_jpeg(clean, 75), 1.25)):
+        assert quality_of(picture) is None
+
+
+@pytest.mark.parametrize("subsampling", ["4:2:0", "4:4:4"])
+def test_the_source_explains_all_that_jpeg_changed(subsampling):
+    picture = as_jpeg(PICTURE, 75, subsampling)
+    assert np.array_equal(coded(PICTURE, 75, picture), picture)
+    assert np.abs(decoded(picture, PICTURE, 75) - PICTURE).max() < 1 / 255

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial import KDTree
 
-from gauss2svg.areas.curves import merge_pieces
+from gauss2svg.areas.outlines import merged_path
 
 ARC = np.array([[0, 0], [6, 4], [13, 5], [20, 0]])
 
@@ -23,11 +23,8 @@ def rms(values) -> float:
 
 def merged(points, start, rate: float):
     """Return the segments that are left of pieces of an open polyline, and which are curved."""
-    start = np.array(start)
-    empty = np.empty((len(start) - 1, 4, 2)), np.empty(len(start) - 1, bool)
-    return merge_pieces(
-        points, np.ones(len(points)), start, False, *empty, False, 1 / 32, rate, 1e-4
-    )
+    weight = np.ones(len(points))
+    return merged_path(points, weight, np.array(start), None, False, 1 / 32, rate, 1e-4)[:2]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -64,10 +61,7 @@ def test_a_disc_has_the_same_curves_wherever_its_points_begin(first):
     angle = np.arange(60) * np.pi / 30 + 0.1 * np.sin(np.arange(60) * np.pi / 30)
     points = np.roll(10 * np.stack([np.cos(angle), np.sin(angle)], axis=1), first, axis=0)
     start = np.array([0, 8, 34, 60])  # the first curve takes points of both others
-    empty = np.empty((3, 4, 2)), np.empty(3, bool)
-    segments, curved = merge_pieces(
-        points, np.ones(60), start, True, *empty, False, 1 / 32, 0.0, 1e-4
-    )
+    segments, curved, _ = merged_path(points, np.ones(60), start, None, True, 1 / 32, 0.0, 1e-4)
     assert curved.all()
     radius = np.hypot(*np.concatenate([cubic(p, 50) for p in segments]).T)
     assert abs(radius - 10).max() < 0.05

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from gauss2svg.areas.kinks import without_kinks
+from gauss2svg.areas.merge import without_kinks
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer

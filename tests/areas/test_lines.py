@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+from test_find import over
 
 from gauss2svg.areas.find import find_areas
-from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
-SIDE = 128
-INK = {"on white": ((0.07, 0.07, 0.07), 1.0), "on dark": ((0.94, 0.82, 0.38), 0.12)}
+INK, PALE_INK = (0.07, 0.07, 0.07), (0.94, 0.82, 0.38)
 
 
 def line(*points: tuple[float, float], closed: bool = False) -> Outline:
@@ -21,9 +20,7 @@ def curve(*points: tuple[float, float]) -> Outline:
 
 def found(areas, page: float = 1.0):
     """Return the areas that are found in the picture of some areas on a grey page."""
-    image = np.full((SIDE, SIDE, 3), page)
-    draw_areas(areas, image)
-    return find_areas(image.astype(np.float32)).areas
+    return find_areas(over(areas, page, 128).astype(np.float32)).areas
 
 
 def strokes(areas):
@@ -47,49 +44,51 @@ def check(areas, others, within: float = 0.6) -> None:
         assert rows.pop(k)[0] == pytest.approx(width, rel=0.1)
 
 
-@pytest.mark.parametrize("ink", INK)
-@pytest.mark.parametrize("width", [1.5, 2, 3, 5])
-def test_a_line_goes_on_through_crossings(width, ink):
-    color, page = INK[ink]
-    outlines = (
-        line((10.3, 20.7), (116, 34.2)),
-        line((12, 62), (76.5, 12)),
-        curve((15, 108), (45, 48), (75, 132), (115, 70)),
-        curve((30, 12), (52, 85), (84, 28), (104, 118)),
-    )
-    areas = [Area((outline,), color, width=width) for outline in outlines]
-    others = found(areas, page)
-    check(areas, others)
-    assert len({area.width for area in others}) == 1  # nearly equal widths are equal
+FOUR = (
+    line((10.3, 20.7), (116, 34.2)),
+    line((12, 62), (76.5, 12)),
+    curve((15, 108), (45, 48), (75, 132), (115, 70)),
+    curve((30, 12), (52, 85), (84, 28), (104, 118)),
+)
+TWO_WIDTHS = {
+    line((10, 40), (118, 52.3)): 3,
+    curve((20, 10), (30, 70), (80, 80), (100, 14)): 1.5,
+}
+AT_ANOTHER = line((10, 30.3), (118, 31)), line((62.4, 30.6), (58.1, 110))
 
 
-@pytest.mark.parametrize("width", [1.5, 2.5, 4])
-@pytest.mark.parametrize("degrees", [25, 45, 65, 90])
-def test_lines_cross_at_any_angle(width, degrees):
+def two_at(degrees: float) -> list[Outline]:
+    """Return two lines that cross at an angle."""
     x, y = 50 * np.cos(np.radians(degrees / 2)), 50 * np.sin(np.radians(degrees / 2))
-    middle = 64.2
-    outlines = [line((middle - x, middle - s * y), (middle + x, middle + s * y)) for s in (1, -1)]
-    check(areas := [Area((o,), INK["on white"][0], width=width) for o in outlines], found(areas))
+    return [line((64.2 - x, 64.2 - y), (64.2 + x, 64.2 + y)) for y in (y, -y)]
 
 
-def test_lines_of_two_widths_cross():
-    color = INK["on white"][0]
-    areas = [
-        Area((line((10, 40), (118, 52.3)),), color, width=3),
-        Area((curve((20, 10), (30, 70), (80, 80), (100, 14)),), color, width=1.5),
-    ]
-    check(areas, found(areas))
+# Lines with their widths, and the px within which their ends are found
+CROSSINGS = {
+    **{f"four of {w} px": (dict.fromkeys(FOUR, w), 0.6) for w in (1.5, 2, 3, 5)},
+    **{
+        f"two of {w} px at {degrees}": (dict.fromkeys(two_at(degrees), w), 0.6)
+        for w in (1.5, 2.5, 4)
+        for degrees in (25, 45, 65, 90)
+    },
+    "of two widths": (TWO_WIDTHS, 0.6),
+    "one that ends at another": (dict.fromkeys(AT_ANOTHER, 2), 1.2),
+}
 
 
-def test_a_line_may_end_at_another():
-    color = INK["on white"][0]
-    outlines = (line((10, 30.3), (118, 31)), line((62.4, 30.6), (58.1, 110)))
-    areas = [Area((outline,), color, width=2) for outline in outlines]
-    check(areas, found(areas), 1.2)
+@pytest.mark.parametrize("name", CROSSINGS)
+def test_a_line_goes_on_through_crossings(name):
+    lines, within = CROSSINGS[name]
+    for color, page in ((INK, 1.0), (PALE_INK, 0.12))[: 1 + name.startswith("four")]:
+        areas = [Area((outline,), color, width=width) for outline, width in lines.items()]
+        others = found(areas, page)
+        check(areas, others, within)
+        # Nearly equal widths are equal.
+        assert len({area.width for area in others}) == len(set(lines.values()))
 
 
 def test_three_lines_may_meet():
-    middle, color = (64.2, 60.4), INK["on white"][0]
+    middle, color = (64.2, 60.4), INK
     arms = [line(middle, end) for end in ((20.0, 24.5), (106.1, 30.2), (63.0, 115.0))]
     others = strokes(found([Area((arm,), color, width=2.5) for arm in arms]))
     ends = np.array([end for row in others for end in row[2:]])
@@ -101,9 +100,8 @@ def test_three_lines_may_meet():
 
 @pytest.mark.parametrize("width", [3, 5])
 def test_ends_are_round_or_butt_as_they_are(width):
-    color = INK["on white"][0]
     areas = [
-        Area((line((20, y), (104, y + 9)),), color, width=width, cap=cap)
+        Area((line((20, y), (104, y + 9)),), INK, width=width, cap=cap)
         for y, cap in zip((20, 45.3, 70.2), CAPS, strict=True)
     ]
     rows = sorted(strokes(found(areas)), key=lambda row: row[2][1])
@@ -118,7 +116,7 @@ def test_dashes_stay_dashes(width, dash, gap):
     way = np.array([np.cos(0.2), np.sin(0.2)])
     starts = [np.array([12.0, 40.3]) + k * (dash + gap) * way for k in range(5)]
     outlines = tuple(line(tuple(a), tuple(a + dash * way)) for a in starts)
-    areas = [Area(outlines, INK["on white"][0], width=width)]
+    areas = [Area(outlines, INK, width=width)]
     others = found(areas)
     check(areas, others, 0.5)
     assert len(others) == 1
@@ -132,13 +130,13 @@ def test_a_line_whose_width_changes_is_an_area(least, most):
     across = np.gradient(middle, axis=0)[:, ::-1] * [-1, 1]
     across /= np.hypot(*across.T)[:, None]
     sides = np.concatenate([middle + half * across, (middle - half * across)[::-1]])
-    others = found([Area((line(*map(tuple, sides), closed=True),), INK["on white"][0])])
+    others = found([Area((line(*map(tuple, sides), closed=True),), INK)])
     assert [area.is_line for area in others] == [False]
 
 
 def test_a_corner_of_a_line_is_a_node():
     zigzag = line((12, 100), (40.3, 40), (60, 84), (84.2, 30), (112, 100))
-    (area,) = found([Area((zigzag,), INK["on white"][0], width=3)])
+    (area,) = found([Area((zigzag,), INK, width=3)])
     nodes = np.array(area.outlines[0].points)
     assert len(area.outlines) == 1
     for corner in zigzag.points:

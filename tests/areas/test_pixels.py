@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from skimage import data
 from test_texture import PICTURES, drawing, jpeg, photo_named
 from test_texture import pixels_of as as_floats
 
@@ -111,10 +110,3 @@ def test_noise_gradients_and_plain_pictures_are_no_pixel_art():
             picture = (height * shade + square).repeat(3, axis=2).astype(np.float32)
             assert sprite_of(picture) is None, height
     assert sprite_of(np.full((8, 8, 3), 0.5, np.float32)) is None
-
-
-def test_a_silhouette_of_two_colors_is_pixel_art_with_cells_of_a_pixel():
-    horse = data.horse()[..., None].repeat(3, axis=2).astype(np.float32)
-    scene = scene_of(horse)
-    assert len(scene.areas) == 1
-    assert np.abs(render(scene, *horse.shape[1::-1]) - horse).max() < 1e-6

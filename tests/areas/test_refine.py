@@ -17,13 +17,18 @@ OUTLINE = Outline(
 )
 
 
-def drawing_of(outline: Outline, pixels) -> Drawing:
-    path = Path(outline.segments, np.array(outline.curved))
-    return Drawing(pixels, Paint(np.zeros(1)), [Paint(np.ones(1))], [Layer(0, [path])], False)
+CANVAS = np.zeros((24, 24, 1), np.float32)
 
 
-def test_samples_are_the_gradient_of_the_coverage():
-    drawing = drawing_of(OUTLINE, np.zeros((24, 24, 1), np.float32))
+def drawing_of(outline: Outline, pixels, width: float = 0.0, page: float = 0, is_tied=False):
+    """Return a drawing of a white area, or of a line, on a page."""
+    path = Path(outline.segments, np.array(outline.curved), outline.closed)
+    layers, paints = [Layer(0, [path], width)], [Paint(np.ones(1))]
+    return Drawing(pixels, Paint(np.full(1, page)), paints, layers, is_tied)
+
+
+def test_samples_are_the_gradient_of_the_readable_twin():
+    drawing = drawing_of(OUTLINE, CANVAS)
     drawing.draw()
     drawing.weigh()
     pixel, owner, jacobian, _ = drawing.samples()
@@ -46,7 +51,7 @@ def test_samples_are_the_gradient_of_the_coverage():
 
 
 def test_refinement_finds_an_outline_that_was_moved():
-    target = drawing_of(OUTLINE, np.zeros((24, 24, 1), np.float32)).draw()
+    target = drawing_of(OUTLINE, CANVAS).draw()
     moved = Outline(tuple((x + 0.6, y - 0.5) for x, y in OUTLINE.points), OUTLINE.curved)
     drawing = drawing_of(moved, target)
     drawing.refine(20, colors=False)
@@ -56,15 +61,10 @@ def test_refinement_finds_an_outline_that_was_moved():
 
 @pytest.mark.parametrize("width", [1.5, 3.0])
 def test_refinement_finds_the_width_and_the_ends_of_a_line(width):
-    def line(points, width):
-        path = Path(Outline(points, (True,), False).segments, np.array([True]), False)
-        layers = [Layer(0, [path], width)]
-        return Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], layers, False)
-
-    target = np.zeros((24, 24, 1), np.float32)
     points = ((3.2, 6.1), (9.0, 1.5), (14.0, 20.0), (20.3, 17.2))
-    target = line(points, width).draw()
-    drawing = line(tuple((x + 0.3, y + 0.4) for x, y in points), 1.3 * width)
+    moved = tuple((x + 0.3, y + 0.4) for x, y in points)
+    target = drawing_of(Outline(points, (True,), False), CANVAS, width).draw()
+    drawing = drawing_of(Outline(moved, (True,), False), target, 1.3 * width)
     drawing.refine(30, colors=False)
     assert drawing.width[0] == pytest.approx(width, abs=0.03)
     assert np.abs(drawing.point[[0, 3]] - np.array(points)[[0, 3]]).max() < 0.05
@@ -72,7 +72,7 @@ def test_refinement_finds_the_width_and_the_ends_of_a_line(width):
 
 def test_refinement_never_raises_the_error():
     rng = np.random.default_rng(3)
-    target = drawing_of(OUTLINE, np.zeros((24, 24, 1), np.float32)).draw()
+    target = drawing_of(OUTLINE, CANVAS).draw()
     for _ in range(5):
         points = np.array(OUTLINE.points) + rng.normal(size=(6, 2))
         drawing = drawing_of(Outline(tuple(map(tuple, points)), OUTLINE.curved), target)
@@ -82,9 +82,7 @@ def test_refinement_never_raises_the_error():
 
 
 def test_a_layer_that_changes_no_pixel_stays_where_it_is():
-    pixels = np.ones((24, 24, 1), np.float32)
-    path = Path(OUTLINE.segments, np.array(OUTLINE.curved))
-    drawing = Drawing(pixels, Paint(np.ones(1)), [Paint(np.ones(1))], [Layer(0, [path])], False)
+    drawing = drawing_of(OUTLINE, CANVAS + 1, page=1)
     before = drawing.point.copy()
     drawing.refine(3)
     assert (drawing.point == before).all()
@@ -94,18 +92,11 @@ def test_ties_keep_smooth_joins_smooth_and_level_lines_level():
     """A rounded rectangle stays one while it is fitted to another picture."""
     points = [(6, 4), (16, 4.02), (18, 4), (20, 6), (20, 8), (20.02, 16), (6, 16)]
     outline = Outline(tuple(points), (False, True, False, False, False))
-    target = drawing_of(outline, np.zeros((24, 24, 1), np.float32)).draw()
-    target = np.roll(target, 1, axis=0)
-    path = Path(outline.segments, np.array(outline.curved))
-    drawing = Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], [Layer(0, [path])])
+    target = np.roll(drawing_of(outline, CANVAS).draw(), 1, axis=0)
+    drawing = drawing_of(outline, target, is_tied=True)
     drawing.refine(10, colors=False)
     p = drawing.current()[0].paths[0].segments
     assert p[0, 0, 1] == p[0, 3, 1]
     assert p[2, 0, 0] == p[2, 3, 0]
-    for before, after in (
-        (p[0, 3] - p[0, 0], p[1, 1] - p[1, 0]),
-        (p[1, 3] - p[1, 2], p[2, 3] - p[2, 0]),
-    ):
-        assert abs(before[0] * after[1] - before[1] * after[0]) < 1e-9 * np.hypot(
-            *before
-        ) * np.hypot(*after)
+    for u, v in ((p[0, 3] - p[0, 0], p[1, 1] - p[1, 0]), (p[1, 3] - p[1, 2], p[2, 3] - p[2, 0])):
+        assert abs(u[0] * v[1] - u[1] * v[0]) < 1e-9 * np.hypot(*u) * np.hypot(*v)

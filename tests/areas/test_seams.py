@@ -13,30 +13,20 @@ from gauss2svg.scene import Area, Scene
 from gauss2svg.svg import SvgFormat
 from gauss2svg.svg.write import write_svg
 
-YELLOW = (1.0, 0.8, 0.1)
 SQUARE = polygon((10, 12), (86, 12), (86, 84), (10, 84))
 DRAWINGS = {
     "three side by side": [
-        Area((SQUARE,), RED),
-        Area((polygon((38, 12), (86, 12), (86, 84), (30, 84)),), GREEN),
-        Area((polygon((62, 12), (86, 12), (86, 84), (70, 84)),), BLUE),
+        SQUARE,
+        polygon((38, 12), (86, 12), (86, 84), (30, 84)),
+        polygon((62, 12), (86, 12), (86, 84), (70, 84)),
     ],
     "junctions like a T": [
-        Area((SQUARE,), RED),
-        Area((polygon((10, 50), (86, 44), (86, 84), (10, 84)),), GREEN),
-        Area((polygon((46, 47.2), (86, 44), (86, 84), (52, 84)),), BLUE),
+        SQUARE,
+        polygon((10, 50), (86, 44), (86, 84), (10, 84)),
+        polygon((46, 47.2), (86, 44), (86, 84), (52, 84)),
     ],
-    "discs in discs": [
-        Area((disc(48, 48, 40),), GREEN),
-        Area((disc(44, 50, 28),), YELLOW),
-        Area((disc(40, 52, 14),), RED),
-        Area((disc(40, 52, 5),), BLACK),
-    ],
-    "discs that overlap": [
-        Area((disc(36, 36, 24),), RED),
-        Area((disc(60, 40, 24),), GREEN),
-        Area((disc(46, 60, 24),), BLUE),
-    ],
+    "discs in discs": [disc(48, 48, 40), disc(44, 50, 28), disc(40, 52, 14), disc(40, 52, 5)],
+    "discs that overlap": [disc(36, 36, 24), disc(60, 40, 24), disc(46, 60, 24)],
 }
 SCALES = (0.37, 1.3, 3.7)
 FAR = 2.0  # px of the picture from the page, and pixels of the raster, within which it may show
@@ -77,7 +67,8 @@ def covered(areas, scale: float):
 @pytest.mark.parametrize("name", DRAWINGS)
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
 def test_no_page_shows_between_areas_that_touch(name, markup):
-    areas = DRAWINGS[name]
+    colors = RED, GREEN, BLUE, BLACK
+    areas = [Area((o,), color) for o, color in zip(DRAWINGS[name], colors, strict=False)]
     for channels, scale in [(3, scale) for scale in SCALES] + [(4, 1.3)]:
         alpha = covered(areas, scale)
         shown = share_of_page(areas, channels, markup, scale)

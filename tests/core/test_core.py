@@ -17,7 +17,7 @@ from gauss2svg.fit.placement import components_of
 DRAWING = """
 import hashlib, sys
 import numpy as np
-from gauss2svg.areas.curves import merge_pieces
+from gauss2svg.areas.outlines import merged_path
 from gauss2svg.areas.find import find_areas
 from gauss2svg.fit import FitOptions
 from gauss2svg.fit.state import columns_of, step
@@ -56,10 +56,10 @@ picture = np.ones((48, 64, 3)) - disc[..., None] * [0.9, 0.2, 0.1] - 0.8 * line[
 areas = find_areas(np.clip(picture, 0, 1).astype(np.float32)).areas
 digest.update(render(Scene(64, 48, areas=areas)).tobytes())
 # Joins of a disc, of which the first moves to before the first point.
-angle, start, pieces = np.arange(60) * np.pi / 30, np.array([0, 8, 34, 60]), np.empty((3, 4, 2))
+angle, start = np.arange(60) * np.pi / 30, np.array([0, 8, 34, 60])
 points = 10 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-run = points, np.ones(60), start, True, pieces, np.empty(3, bool), False, 1 / 32, 0.0, 1e-4
-digest.update(merge_pieces(*run)[0].tobytes())
+run = points, np.ones(60), start, None, True, 1 / 32, 0.0, 1e-4
+digest.update(merged_path(*run).segments.tobytes())
 print(digest.hexdigest())
 """
 

@@ -1,18 +1,21 @@
-"""Masks: which pixels of a box belong to something."""
+"""Types of arrays of areas, and masks: which pixels of a box belong to something."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import Bools, Floats, Ints
+# The precision is not part of the types.
+Floats = NDArray[Any]
+Ints = NDArray[Any]
+Bools = NDArray[np.bool_]
+Box = tuple[slice, slice]  # rows and columns of a picture
 
 LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
 BLOCK = np.ones((3, 3), bool)  # neighbours of a pixel with the diagonal ones
-
-Box = tuple[slice, slice]  # rows and columns of a picture
 
 
 def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
@@ -24,12 +27,6 @@ def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
 def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bools:
     """Return a mask with the neighbours of its pixels. With None, these are four for each."""
     result: Any = ndimage.binary_dilation(mask, block, iterations)
-    return result
-
-
-def without_holes(mask: Bools) -> Bools:
-    """Return a mask with what it encloses."""
-    result: Any = ndimage.binary_fill_holes(mask)
     return result
 
 

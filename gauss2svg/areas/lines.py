@@ -1,0 +1,535 @@
+"""Lines: thin parts that become strokes along their middle, and the widths of those of few pixels.
+
+A part becomes strokes if these are closer for their bytes than its outlines.
+
+Pixels of lines that lie in two rows of pixels, or in two columns, tell only the product of a line's
+width and its contrast: a line of 1 px between two rows has the same pixels as a line of 2 px with
+half the contrast. So other parts of the picture decide: another line, an area of the same colour, a
+crossing, or a line that has two grounds. Where nothing does, faint lines are 1 px wide.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from gauss2svg import portable
+from gauss2svg.areas import arrays, outlines
+from gauss2svg.areas.arrays import LEVEL, Bools, Box, Floats, Ints, dilated, parts_of
+from gauss2svg.areas.centrelines import STEP, Chain, chains_of
+from gauss2svg.areas.merge import rounded
+from gauss2svg.areas.outlines import Path, Weights, lengths_of
+from gauss2svg.areas.paint import Paint
+from gauss2svg.areas.refine import Drawing, Layer
+from gauss2svg.areas.regions import Shares
+from gauss2svg.areas.thin import MOST_PARTS, PURE, SAME_COLOR, inside_of
+
+# Px. A disc of radius THICK fits into no narrow part. One of radius WIDE fits into a wide part only
+# where lines cross.
+THICK, WIDE = 2.4, 3.2
+CROSSING = 0.85  # largest radius of a disc where lines cross, in their widths
+WIDEST = 5.6  # px; the largest width of a line
+SEEN = 0.12  # least share of a pixel in a part
+LEAST_SHARE = 4.0  # px^2 of a part
+# Px, share of a width, and px^2 divided by the length, by which equal widths differ
+ALIKE_WIDTHS, ALIKE_SHARE, ALIKE_ENDS = 0.05, 0.02, 1.5
+TURN_RAD = np.radians(38)  # least turn at a corner of a centreline
+# Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
+# must cost less by this factor. Wide parts, such as bars, are more often no lines.
+LINE_PRIOR, WIDE_PRIOR = 2.0, 1.0
+NO_LINE = 0.5  # squared error for a px of strokes above which these are not even refined
+NOISE_OF_LINE = 0.008  # squared error for a px of a stroke, which antialiasing of few levels causes
+
+
+class Line(NamedTuple):
+    """A stroke of a region's paint."""
+
+    region: int
+    path: Path
+    width: float
+
+    @property
+    def length(self) -> float:
+        """The length in px of the polygon of its control points."""
+        return float(lengths_of(self.path.segments).sum())
+
+
+class Part(NamedTuple):
+    """A connected thin part of the regions of one paint, in a box with a margin.
+
+    names      regions
+    share      (h, w) of the pixels
+    thick      (h, w) where regions of this paint are thick
+    box        rows and columns of the picture
+    is_wide    whether some of it is too wide for a narrow part
+    """
+
+    names: list[int]
+    share: Floats
+    thick: Bools
+    box: Box
+    is_wide: bool
+
+    @property
+    def corner(self) -> Floats:
+        """Left and top of the box, in px."""
+        return np.array([self.box[1].start, self.box[0].start])
+
+
+def take_lines(
+    pixels: Floats, shares: Shares, paints: list[Paint], weight_at: Weights, unit: float,
+    rate: float, letter_ground: Ints, poll: Callable[[], None],
+) -> list[Line]:  # fmt: skip
+    """Return the lines of a picture, and give their shares to what lies beside or under them.
+
+    letter_ground  (h, w) region below and beside letters, -1 elsewhere. It is no line there
+    poll  function that is called for each part. An exception ends the search
+    """
+    parts = _thin_parts(shares, paints, letter_ground)
+    lines, gone = list[Line](), list[Part]()
+    largest, is_gone = shares.largest, np.zeros(pixels.shape[:2], bool)
+    taken = np.full(is_gone.shape, -1)
+    # If a wide part has lines, the narrow parts in it are these lines.
+    parts.sort(key=lambda part: (not part.is_wide, -part.share.sum()))
+    for part in parts[:MOST_PARTS]:
+        name, own = part.names[0], part.share > 0.5
+        if not part.is_wide and (taken[part.box][own] == name).any():
+            continue
+        poll()
+        strokes = _chosen(pixels, part, paints[name], weight_at, unit, rate)
+        if strokes:
+            lines += [Line(name, *stroke) for stroke in strokes]
+            gone.append(part)
+            taken[part.box][own] = name
+            is_gone[part.box] |= part.share > 0
+    for part in gone:
+        # The region that lies under a line is within 8 px of it.
+        box = arrays.widened(part.box, 5, is_gone.shape)
+        near = largest[box]
+        is_left_out = is_gone[box] | np.isin(near, part.names)
+        if not is_left_out.all():
+            _, nearest = arrays.distance_to(~is_left_out)
+            near = near[tuple(nearest)]
+        ys, xs = arrays.pixels_of(part.share > 0, part.box)
+        _release(shares, (ys, xs), part.names, near[ys - box[0].start, xs - box[1].start])
+    return lines
+
+
+def _thin_parts(shares: Shares, paints: list[Paint], letter_ground: Ints) -> list[Part]:
+    """Return the thin parts of regions that have one colour, narrow ones and wide ones.
+
+    The ground between letters is no part.
+    """
+    classes: dict[Paint, list[int]] = {}
+    for k, paint in enumerate(paints):
+        if not paint.is_shaded:
+            classes.setdefault(paint, []).append(k)
+    parts = []
+    for names in classes.values():
+        share = shares.of(np.array(names))
+        is_ground = np.isin(letter_ground, names)
+        thick = _thick(share, THICK)
+        if thick.any():
+            wide = _thick(share, WIDE) | is_ground
+            parts += [
+                part
+                for part in parts_between(share, wide, names, is_wide=True)
+                if (thick[part.box] & (part.share > SEEN)).any()
+            ]
+        parts += parts_between(share, thick | is_ground, names)
+    return parts
+
+
+def parts_between(
+    share: Floats, thick: Bools, names: Sequence[int] = (), is_wide: bool = False
+) -> list[Part]:
+    """Return the connected parts of the share (h, w) of regions that are not thick.
+
+    Their boxes have margins of 3 px.
+    """
+    thin = np.where(thick, 0, share)
+    label, boxes = parts_of(thin > SEEN)
+    parts = []
+    for q, tight in enumerate(boxes, 1):
+        box = arrays.widened(tight, 3, share.shape)
+        own = np.where(label[box] == q, thin[box], 0)
+        if own.sum() >= LEAST_SHARE:
+            parts.append(Part([*names], own, thick[box], box, is_wide))
+    return parts
+
+
+def _thick(share: Floats, radius: float) -> Bools:
+    """Return where discs of a radius lie within the share (h, w) of regions.
+
+    If the radius is WIDE, discs where lines cross are left out.
+    """
+    side = np.arange(-int(radius), int(radius) + 1)
+    disc, margin = portable.hypot(side, side[:, None]) < radius, len(side)
+    solid = np.pad(share > 0.5, margin, mode="edge")
+    opened: Any = ndimage.binary_opening(solid, disc)
+    part, boxes = parts_of(opened)
+    for q, box in enumerate(boxes if radius == WIDE else (), 1):
+        wide = arrays.widened(box, 4, solid.shape)
+        own = part[wide] == q
+        inner: Any = ndimage.distance_transform_edt(np.pad(solid[wide], 1))
+        inner = inner[1:-1, 1:-1]
+        most, width = inner[own].max(), 2 * inner[dilated(own, 3) & ~own].max(initial=0) - 1
+        if most <= CROSSING * width + 0.5 and own.sum() <= 8 * most**2:
+            opened[wide][own] = False
+    return dilated(opened)[margin:-margin, margin:-margin]
+
+
+def _chosen(
+    pixels: Floats, part: Part, paint: Paint, weight_at: Weights, unit: float, rate: float
+) -> list[tuple[Path, float]]:
+    """Return the strokes of a part, or none if its outlines are closer for their bytes."""
+    strokes = strokes_of(part, weight_at, unit, rate)
+    if not strokes:
+        return []
+    values = pixels[part.box]
+    around = dilated(part.share > SEEN, 2) & (part.share <= 0.02)
+    ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
+    contrast = float(((paint.color - ground) ** 2).sum())
+    widths = dict.fromkeys(width for _, width in strokes)
+    as_lines = [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
+    length = float(sum(lengths_of(path.segments).sum() for path, _ in strokes))
+    if _error(as_lines, part) > NO_LINE * length:
+        return []
+    contours = outlines.contours_of(part.share, part.box, pixels.shape)
+    as_areas = [Layer(0, [outlines.first_path(c, weight_at, unit, rate) for c in contours])] * bool(
+        contours
+    )
+
+    def fitted_and_cost(layers: list[Layer], tag: float) -> tuple[list[Layer], float]:
+        """Return layers that are refined a little, in the box of the part, and their cost."""
+        drawing = _drawing(layers, part)
+        drawing.refine(6, colors=False)
+        error = (drawing.draw()[..., 0] - part.share)[~part.thick]
+        size = tag + sum(path.bytes(unit) for layer in layers for path in layer.paths)
+        layers = [
+            layer.replace([path.moved(part.corner) for path in layer.paths])
+            for layer in drawing.current()
+        ]
+        return layers, contrast * float((error**2).sum()) + rate * size
+
+    # The tags have 12 and 10 bytes, as far as parts do not share them.
+    lines, cost = fitted_and_cost(as_lines, 12.0)
+    # Wide ends may be round, which is decided when all lines are known.
+    with_round = _error(list(map(rounded, lines)), part)
+    cost -= contrast * max(_error(lines, part) - with_round, 0.0)
+    noise = contrast * NOISE_OF_LINE * length
+    cost = max(cost - noise, 0.0)
+    if part.is_wide and cost > noise:
+        return []
+    prior = WIDE_PRIOR if part.is_wide else LINE_PRIOR
+    if cost >= prior * fitted_and_cost(as_areas, 10.0)[1]:
+        return []
+    return [(path, layer.width) for layer in lines for path in layer.paths]
+
+
+def strokes_of(
+    part: Part, weight_at: Weights, unit: float, rate: float, widest: float = WIDEST
+) -> list[tuple[Path, float]]:
+    """Return the paths and widths in px of strokes along a thin part, or none if it is no line."""
+    seen = part.share[part.share > 0.05]
+    level = min(0.35, 0.4 * float(np.percentile(seen, 85)))
+    chains = chains_of(part.share > level, part.share)
+    lines = [chain.points if chain.closed else _extended(chain, part) for chain in chains]
+    length = sum(portable.hypot(*np.diff(points, axis=0).T).sum() for points in lines)
+    width = part.share.sum() / max(length, 1e-9)
+    if width > widest or length < max(LEAST_SHARE, 2.5 * width):
+        return []
+    strokes = []
+    for chain, points in zip(chains, lines, strict=True):
+        if chain.width >= 1.2 * widest:
+            continue
+        points = outlines.resampled(points, STEP, chain.closed) + part.corner
+        corners = outlines.turns_of(points, TURN_RAD, chain.closed)
+        points, corners = outlines.with_corners(points, corners, chain.closed, cut=5)
+        path = outlines.fitted_path(points, corners, weight_at, unit, rate, chain.closed)
+        strokes.append((path, chain.width))
+    return strokes
+
+
+def _extended(chain: Chain, part: Part) -> Floats:
+    """Return a polyline whose free ends reach to the end of the share, or under a thick part."""
+    points = chain.points
+    h, w = part.thick.shape
+    for is_free in chain.is_free:
+        points = points[::-1]  # so that the end in question is the last one, and then the other
+        if not is_free:
+            continue
+        arm = min(2 + round(chain.width), len(points) - 1)
+        way = points[-1] - points[-1 - arm]
+        way = way / max(portable.hypot(*way), 1e-9)
+        ahead = np.arange(0.0, chain.width + 2.5, 0.25)
+        across = chain.width * np.array([-0.25, 0.0, 0.25])
+        at = points[-1] + ahead[:, None, None] * way + across[:, None] * (way[1], -way[0])
+        share = ndimage.map_coordinates(part.share, [at[..., 1] - 0.5, at[..., 0] - 0.5], order=1)
+        share = np.minimum.accumulate(share.mean(axis=1) / max(share[0].mean(), 1e-6))
+        x, y = points[-1] + 2 * way
+        is_thick = part.thick[int(np.clip(y, 0, h - 1)), int(np.clip(x, 0, w - 1))]
+        reach = 2.0 if is_thick else float(share.sum() * 0.25 - 0.125)
+        points = np.vstack([points, points[-1] + max(reach, 0.1) * way])
+    return points
+
+
+def _drawing(layers: list[Layer], part: Part) -> Drawing:
+    """Return a drawing of a part's share.
+
+    Where the same colour is thick, what the layers draw does not matter.
+    """
+    moved = [layer.replace([p.moved(-part.corner) for p in layer.paths]) for layer in layers]
+    target = part.share[..., None].astype(np.float32)
+    drawing = Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], moved, False)
+    drawing.pixels = np.where(part.thick[..., None], drawing.draw(), target)
+    return drawing
+
+
+def _error(layers: list[Layer], part: Part) -> float:
+    """Return the squared error of layers as they are."""
+    drawing = _drawing(layers, part)
+    return float(((drawing.draw() - drawing.pixels) ** 2).sum())
+
+
+def _release(shares: Shares, at: tuple[Ints, Ints], names: list[int], under: Ints) -> None:
+    """Give the shares of regions at pixels (n,) to the others there, or to those `under` them."""
+    label, share = shares.label[at], shares.share[at]
+    own = np.isin(label, names)
+    share[own], label[own] = 0, -1
+    total = share.sum(axis=1)
+    none = total < 0.02  # others do not take all of a pixel if they had so little of it
+    share /= np.maximum(total, 1e-6)[:, None]
+    label[none], share[none] = -1, 0
+    label[none, 0], share[none, 0] = under[none], 1
+    shares.label[at], shares.share[at] = label, share
+
+
+def grouped(lines: list[Line], paints: list[Paint]) -> list[Layer]:
+    """Return a layer for lines of one colour and nearly one width, with their mean width.
+
+    The width of a shorter line is less exact.
+    """
+    layers = list[Layer]()
+    known: dict[Paint, list[tuple[float, Layer]]] = {}  # layers with the length of their lines
+    for line in sorted(lines, key=lambda line: -line.length):
+        length = line.length
+        alike = known.setdefault(paints[line.region], [])
+        for k, (total, layer) in enumerate(alike):
+            most = ALIKE_WIDTHS + ALIKE_SHARE * layer.width + ALIKE_ENDS / max(length, 1.0)
+            if abs(line.width - layer.width) < most:
+                layer.paths.append(line.path)
+                layer.width += (line.width - layer.width) * length / (total + length)
+                alike[k] = total + length, layer
+                break
+        else:
+            layers.append(Layer(line.region, [line.path], line.width))
+            alike.append((length, layers[-1]))
+    return layers
+
+
+LEAST_OF_PEN = 16.0  # px of a line, or of all lines of a pen, that are no noise
+EVEN = 3 * LEVEL  # largest difference of pixels of one colour
+EMPTY = 0.04  # share of a row of pixels in which the line is not
+SAME_PEN = 5 * LEVEL  # largest difference of two colours of lines of a pen
+UNEQUAL = 0.55  # share of the stronger row of a line that is no line of 2 px in these rows
+FAINT = 0.3  # largest contrast of the pixels of a line that is 1 px wide without other evidence
+
+
+class Piece(NamedTuple):
+    """A level or upright segment of a line in at most two rows, or columns, of pixels.
+
+    line, segment  indices of the line and of its segment
+    axis       0 for a level segment, 1 for an upright one
+    low, high  its ends along the axis, in px
+    middle     its place across the axis, in px
+    row        row of pixels with most of it
+    share      share of it that this row has
+    ground     (c,) colour beside it
+    total      (c,) sum of the contrasts of its rows
+    """
+
+    line: int
+    segment: int
+    axis: int
+    low: float
+    high: float
+    middle: float
+    row: int
+    share: float
+    ground: Floats
+    total: Floats
+
+    @property
+    def color(self) -> Floats:
+        """The colour (c,) that the line has if it is 1 px wide."""
+        return self.ground + self.total
+
+    @property
+    def length(self) -> float:
+        """The length in px."""
+        return self.high - self.low
+
+
+def with_sure_widths(
+    pixels: Floats, cores: Ints, lines: list[Line], paints: list[Paint]
+) -> list[Line]:
+    """Return lines, of which those in two rows of pixels have their likely colours and widths.
+
+    New colours are added to `paints`.
+    """
+    pieces = list[Piece]()
+    sure = list[Line]()
+    for k, line in enumerate(lines):
+        own, length = _pieces_of(pixels, k, line.path), line.length
+        if sum(piece.length for piece in own) >= 0.8 * length:
+            pieces += own
+        elif line.width > 1.4 and length >= LEAST_OF_PEN:
+            sure.append(line)  # it has pixels of its colour
+    inside = inside_of(cores, PURE)
+    pure = [paints[k].color for k in np.unique(inside[inside >= 0])]
+    pure += [paints[line.region].color for line in sure]
+    pens = list[list[Piece]]()  # pieces that have one colour if they are 1 px wide
+    for piece in pieces:
+        # If it has the colour of an area, it may be wider than 1 px, and stays.
+        line = lines[piece.line]
+        color = paints[line.region].color
+        is_other = np.abs(color - piece.color).max() > SAME_COLOR
+        if line.width > 1 and is_other and _is_in(color, pure):
+            continue
+        near = (pen for pen in pens if np.abs(piece.color - pen[0].color).max() <= SAME_PEN)
+        if (pen := next(near, None)) is None:
+            pens.append(pen := [])
+        pen.append(piece)
+    moved = dict[int, Line]()
+    for pen in pens:
+        alike = next((line for line in sure if _draws(line, paints[line.region].color, pen)), None)
+        if alike is not None:
+            region, width = alike.region, alike.width
+        elif _is_thin(pixels, pen, pure):
+            color = np.average([one.color for one in pen], 0, [one.length for one in pen])
+            region, width = _region_of(color, paints), 1.0
+        else:
+            continue
+        for one in pen:
+            path = moved.get(one.line, lines[one.line]).path
+            moved[one.line] = Line(region, _at_middle(path, one), width)
+    return [moved.get(k, line) for k, line in enumerate(lines)]
+
+
+def _pieces_of(pixels: Floats, index: int, path: Path) -> list[Piece]:
+    """Return the segments of a line that are in at most two rows, or columns, on one ground.
+
+    They are at least 4 px long, and at most 1.5 px across, because ends bend at crossings. So 1 px
+    at each end is not measured.
+    """
+    pieces = []
+    for segment, points in enumerate(path.segments):
+        low, high = points.min(axis=0), points.max(axis=0)
+        axis = int(high[1] - low[1] > high[0] - low[0])
+        first, last = round(low[axis] + 1), round(high[axis] - 1)
+        top = int(np.floor((low + high)[1 - axis] / 2 - 0.5)) - 2
+        picture = pixels if axis == 0 else pixels.swapaxes(0, 1)
+        is_level = (high - low)[1 - axis] <= 1.5 and (high - low)[axis] >= 4
+        if not is_level or top < 0 or top + 6 > len(picture):
+            continue
+        rows = picture[top : top + 6, max(first, 0) : last].astype(np.float64)
+        ground = np.median(rows[0], axis=0)
+        has_ground = np.abs(rows[[0, -1]] - ground).max(axis=(0, 2)) <= EVEN
+        if not has_ground.any():
+            continue
+        off = np.median(rows[:, has_ground], axis=1) - ground
+        is_even = np.abs(rows - ground - off[:, None]).max(axis=(0, 2)) <= EVEN
+        total = off.sum(axis=0)
+        share = portable.product(off, total) / max(portable.dot(total, total), 1e-9)
+        row = int(share.argmax())
+        if (
+            is_even.mean() >= 0.4
+            and np.abs(np.sort(share)[:-2]).max() <= EMPTY
+            and np.abs(off - share[:, None] * total).max() <= EVEN
+        ):
+            middle = top + 0.5 + portable.dot(share, np.arange(6))
+            ends = low[axis], high[axis]
+            pieces.append(
+                Piece(index, segment, axis, *ends, middle, top + row, share[row], ground, total)
+            )
+    return pieces
+
+
+def _draws(line: Line, color: Floats, pen: list[Piece]) -> bool:
+    """Whether the width and the colour of a line explain all pieces of a pen."""
+    off = [line.width * (color - one.ground) - one.total for one in pen]
+    return bool(np.abs(off).max() <= SAME_PEN)
+
+
+def _is_in(color: Floats, colors: list[Floats]) -> bool:
+    """Whether a colour is nearly one of some others."""
+    return any(np.abs(color - one).max() <= SAME_COLOR for one in colors)
+
+
+def _is_thin(pixels: Floats, pen: list[Piece], pure: list[Floats]) -> bool:
+    """Whether the lines of a pen are 1 px wide. `pure` has the colours of areas and wide lines."""
+    color = np.mean([one.color for one in pen], axis=0)
+    over_black, over_white = color[:3], color[-3:]
+    lowest = min(over_black.min(), (over_white - over_black).min())
+    # A colour may leave its range a little, because it was rounded.
+    is_color = lowest >= -1.5 * LEVEL and over_white.max() <= 1 + 1.5 * LEVEL
+    if not is_color or sum(one.length for one in pen) < LEAST_OF_PEN:
+        return False
+    has_two_grounds = np.abs([one.ground - pen[0].ground for one in pen]).max() > SAME_COLOR
+    strongest = max(pen, key=lambda one: one.share)
+    if has_two_grounds or strongest.share > UNEQUAL:
+        return True
+    crossings = [_is_darker(pixels, *two) for two in itertools.permutations(pen, 2) if _cross(*two)]
+    if crossings:
+        return any(crossings)
+    is_faint = 0.5 * np.abs(strongest.total).max() <= FAINT
+    return is_faint or _is_in(color, [*pure, 0 * color, 0 * color + 1])
+
+
+def _cross(one: Piece, other: Piece) -> bool:
+    """Whether a level piece crosses an upright one so that the pixels there tell the width."""
+    return (
+        (one.axis, other.axis) == (0, 1)
+        and one.low + 1 < other.middle < one.high - 1
+        and other.low + 1 < one.middle < other.high - 1
+        and (1 - max(one.share, other.share)) * min(one.share, other.share) > 0.1
+    )
+
+
+def _is_darker(pixels: Floats, one: Piece, other: Piece) -> bool:
+    """Whether two pieces that cross differ more from the ground there than each of them does.
+
+    Lines of 1 px cover a larger share of the pixel there, and wider ones all of the two rows.
+    """
+    off = pixels[one.row, other.row] - one.ground
+    share = portable.dot(off, one.total) / portable.dot(one.total, one.total)
+    most = max(one.share, other.share)
+    return bool(share > most + 0.5 * (1 - most) * min(one.share, other.share))
+
+
+def _region_of(color: Floats, paints: list[Paint]) -> int:
+    """Return the name of a region of nearly this colour. If there is none, add its paint."""
+    color = np.clip(color, 0, 1)
+    off = [np.inf if one.is_shaded else np.abs(one.color - color).max() for one in paints]
+    if min(off) > SAME_COLOR:
+        off.append(0.0)
+        paints.append(Paint(color))
+    return int(np.argmin(off))
+
+
+def _at_middle(path: Path, piece: Piece) -> Path:
+    """Return the path of a line with one of its segments in the middle of the rows."""
+    segments, across = path.segments.copy(), 1 - piece.axis
+    count, k = len(segments), piece.segment
+    segments[k, :, across] = piece.middle
+    if path.closed or k + 1 < count:
+        after = (k + 1) % count
+        segments[after, : 1 if path.curved[after] else 2, across] = piece.middle
+    if path.closed or k > 0:
+        segments[k - 1, 3 if path.curved[k - 1] else 2 :, across] = piece.middle
+    return path._replace(segments=segments)
