@@ -215,6 +215,15 @@ def test_new_gaussians_go_where_the_error_is_selective_ones_with_its_area_and_co
     np.testing.assert_allclose(new.color[0], [0, 0.75, 0])
 
 
+def test_selective_gaussians_go_where_most_squared_error_is_however_small_the_area():
+    planar = np.zeros((3, 40, 60), np.float32)
+    planar[:, 5:25, 5:25] = 0.3  # 400 px, of squared error 108
+    planar[:, 28:38, 40:55] = 1.0  # 150 px, of squared error 450
+    blank = np.zeros_like(planar)
+    new = place("selective", Target(planar, "psnr"), blank, 2, 2, np.random.default_rng(0))
+    np.testing.assert_allclose(new.mean, [[47.5, 33], [15, 15]])
+
+
 @pytest.mark.parametrize(("contrast", "relocates"), [(0.2, True), (1e-3, False)])
 def test_nothing_is_relocated_where_the_error_does_not_show(contrast, relocates, monkeypatch):
     calls = []
