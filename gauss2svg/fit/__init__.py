@@ -144,7 +144,7 @@ class DensifyOptions(OptionGroup):
     """Options for adding and relocating Gaussians during the fit."""
 
     init: Literal["selective", "error", "random", "live"] = "selective"
-    """Where new Gaussians are placed, which become the shapes. selective: on the largest areas of
+    """Where new Gaussians are placed, which become the shapes. selective: on the areas with most
     error. error: at random, more often where the squared error is larger. random: anywhere. live:
     as in the LIVE paper. --tune perceptual weights the error."""
 

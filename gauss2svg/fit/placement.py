@@ -33,7 +33,8 @@ LEAST_MINOR = 0.6  # least minor semi-axis in px of a new Gaussian on a componen
 ELONGATION = 0.5
 # A pixel whose residual is below this share of the largest residual belongs to no component.
 REJECTED_SHARE = 0.2
-BINS = 8  # number of bins of equal width into which residuals are quantised, as in LIVE
+BINS = 4  # number of bins of equal width into which residuals are quantised
+LIVE_BINS = 8  # the same where the largest components are taken, as in LIVE
 # Largest ratio of the axes of a new Gaussian on a component. If all new Gaussians were round, the
 # PSNR would be lower, most of all in drawings.
 MOST_FIRST_ASPECT = 6.0
@@ -138,15 +139,22 @@ class _Placer:
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
     def by_component(self, count: int) -> NewGaussians:
-        """Return up to `count` Gaussians, one on each of the largest components of the residual.
+        """Return up to `count` Gaussians, each on a component of the residual with most error.
 
-        `_components` finds the components as in LIVE. Each Gaussian gets the mean colour of its
-        component. At first the Gaussian is round, and as wide as a disc with the area A of the
-        component: its sigma is sqrt(A / pi) / 2, which is the standard deviation of the points of
-        this disc along any axis. Then the Gaussian is stretched. Its direction and the ratio of its
-        axes follow from the second moments of the component.
+        The error of a component is the sum of its squared residual. Above areas, the largest
+        components are taken instead, as in LIVE, because large errors are thin there: they lie
+        along outlines.
+
+        Each Gaussian gets the mean colour of its component. At first the Gaussian is round, and as
+        wide as a disc with the area A of the component: its sigma is sqrt(A / pi) / 2, which is the
+        standard deviation of the points of this disc along any axis. Then the Gaussian is
+        stretched. Its direction and the ratio of its axes follow from the second moments of the
+        component.
         """
-        parts = self._components(count)
+        if self._target.has_ground:
+            parts = self._components(count)
+        else:
+            parts = self._components(count, BINS, np.square(self._residual).sum(axis=0))
         sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_NEW_SIGMA)
         xx, xy, yy = parts.moments()
         spread = portable.hypot(xx - yy, 2 * xy)
@@ -196,8 +204,13 @@ class _Placer:
     def _color_at(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float64]:
         return self._color[:, y, x].T.astype(np.float64)
 
-    def _components(self, count: int) -> _Components:
-        """Return the `count` largest components, or fewer if there are not so many.
+    def _components(
+        self, count: int, bins: int = LIVE_BINS, weight: NDArray[np.floating] | None = None
+    ) -> _Components:
+        """Return the `count` heaviest components, or fewer if there are not so many.
+
+        bins    number of bins into which residuals are quantised
+        weight  (h, w) weight of each pixel. If it is None, each pixel weighs 1
 
         The absolute residual of each pixel is summed over the channels. Pixels with small sums
         belong to no component. The sums of the other pixels are sorted into bins of equal width
@@ -205,12 +218,13 @@ class _Placer:
         """
         difference = np.abs(self._residual).sum(axis=0)
         largest = float(difference.max()) or 1.0
-        bins = np.ceil(difference / largest * BINS).astype(np.int32)
-        bins[difference < REJECTED_SHARE * largest] = 0
-        components = components_of(bins).ravel()
+        levels = np.ceil(difference / largest * bins).astype(np.int32)
+        levels[difference < REJECTED_SHARE * largest] = 0
+        components = components_of(levels).ravel()
         area = np.bincount(components)
-        area[0] = 0  # rejected pixels have the number 0 and are no component
-        order = np.argsort(-area, kind="stable")[: min(count, len(area) - 1)]
+        weights = area if weight is None else np.bincount(components, weight.ravel())
+        weights[0] = 0  # rejected pixels have the number 0 and are no component
+        order = np.argsort(-weights, kind="stable")[: min(count, len(area) - 1)]
         rank = np.full(components.max() + 1, -1)
         rank[order] = np.arange(len(order))
         rank = rank[components]
@@ -221,12 +235,12 @@ class _Placer:
 
 @dataclass(frozen=True)
 class _Components:
-    """k components of a picture, sorted from the largest to the smallest.
+    """k components of a picture, sorted from the heaviest to the lightest.
 
     Together they have p pixels, which the arrays rank, x and y list.
 
     area  (k,) areas in px^2
-    rank  (p,) index of the component to which each pixel belongs, 0 for the largest component
+    rank  (p,) index of the component to which each pixel belongs, 0 for the heaviest component
     x, y  (p,) column and row of each pixel
     """
 

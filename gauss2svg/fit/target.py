@@ -153,6 +153,11 @@ class Target:
         return self.visible is not None
 
     @property
+    def has_ground(self) -> bool:
+        """Whether the Gaussians lie above a scene of areas, and not only above a background."""
+        return bool(self._grounds)
+
+    @property
     def is_blank(self) -> bool:
         """Whether no pixel of the target is visible."""
         return self.visible is not None and not self.visible.any()

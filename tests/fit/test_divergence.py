@@ -43,8 +43,8 @@ def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(p
     report = vectorize(photo, gaussians=30, iterations=30, learning_rate=100).report
     assert report["rollbacks"] > 0
     assert any("diverged" in note and "best state" in note for note in report["notes"])
-    # A usual rate does not diverge: here every loss that rises has diverged.
-    monkeypatch.setattr("gauss2svg.fit.session.DIVERGED", 1.0)
+    # A usual rate does not diverge: here every loss that falls by less than a tenth has diverged.
+    monkeypatch.setattr("gauss2svg.fit.session.DIVERGED", 0.9)
     usual = vectorize(photo, gaussians=30, iterations=30).report
     assert usual["rollbacks"] > 0
     assert not any("diverged" in note for note in usual["notes"])

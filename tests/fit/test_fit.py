@@ -236,6 +236,14 @@ def test_new_gaussians_go_along_the_edge_where_the_error_is():
     assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
 
 
+def test_selective_ones_go_where_most_squared_error_is_however_small_the_area():
+    picture = np.zeros((40, 60, 3), np.float32)
+    picture[5:25, 5:25] = 0.3  # 400 px, of squared error 108
+    picture[28:38, 40:55] = 1.0  # 150 px, of squared error 450
+    new = placed("selective", picture, 2, 0, "over")
+    np.testing.assert_allclose(new.mean, [[47.5, 33], [15, 15]])
+
+
 def test_selective_ones_have_the_area_the_aspect_and_the_colour_of_the_error():
     picture = np.zeros((40, 60, 3))
     picture[10:20, 30:45, 1] = 0.75
