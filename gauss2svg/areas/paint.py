@@ -21,6 +21,7 @@ ALIKE = 2.6 * LEVEL  # largest difference of two colours that become one
 BINS, STOP_BINS = 40, 200  # places along a gradient at which colours are averaged
 PART = 4 * LEVEL  # largest difference of a pixel from a gradient that draws it
 MOST_OFF = 0.05  # largest share of a part that differs more
+MOST_CLEAR = 0.01  # largest share of an opaque region that is not opaque
 MOST_SLOPE = 0.1  # change over 2 px; an edge beside the region has a steeper slope
 MOST_MOVES = 120  # iterations of the search for the centre of a radial gradient
 MOST_STRETCH = 7.0  # largest logarithm of the ratio of radii; files have none of a billion px
@@ -79,7 +80,9 @@ def paint_of(pixels: Floats, ys: Ints, xs: Ints) -> Paint:
     """Return the paint of the region at these pixels (n,)."""
     values = pixels[ys, xs].astype(np.float64)
     paint = Paint(np.median(values, axis=0))
-    opaque = values.shape[1] == 3 or np.abs(values[:, :3] - values[:, 3:]).max() <= EVEN
+    clear = np.abs(values[:, :3] - values[:, -3:]).max(axis=1) > EVEN
+    # A soft shadow below an opaque region shows through at some pixels of its rim.
+    opaque = np.count_nonzero(clear) <= MOST_CLEAR * len(ys)
     if np.abs(values - paint.color).max() <= EVEN or len(ys) < LEAST_SHADED or not opaque:
         return paint
     chosen = np.arange(len(ys))
