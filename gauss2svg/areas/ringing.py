@@ -59,7 +59,7 @@ def is_rung(picture: Floats) -> bool:
         fall = -np.diff(sides[..., :BAND]).min(axis=(0, 2))
         edges += np.count_nonzero(is_even)
         rung += np.count_nonzero(is_even & (fall > FALL[0]) & (fall < FALL[1] * contrast))
-    return rung >= max(LEAST_EDGES, LEAST_SHARE * edges)
+    return bool(rung >= max(LEAST_EDGES, LEAST_SHARE * edges))
 
 
 def without_bands(picture: Floats, most: float = BANDS) -> Floats:
