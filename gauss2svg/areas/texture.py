@@ -23,6 +23,9 @@ EDGE, EDGE_PX = 24.0, 4  # least height in levels, and width in px, of an edge b
 # The more of a picture is smooth, the fewer crisp edges it needs (docs/decisions/areas.md). The
 # number of edges at a pixel must be at least exp(-STEEPNESS * share) - FREE_EDGES.
 STEEPNESS, FREE_EDGES = 9.3, 3e-5
+# A picture of at most ICON px a side has few such edges. If this share of its blocks has one
+# colour, it is a drawing. Photos have at most .1.
+ICON, ONE_COLOR = 32, 0.15
 
 
 def may_have_areas(pixels: NDArray[np.float32]) -> bool:
@@ -41,6 +44,8 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
     )
     if min(rough.shape[1:]) <= EDGE_PX:
         return False
+    if max(pixels.shape[:2]) <= ICON and np.mean(rough < 1) >= ONE_COLOR:
+        return True
     crisp = 0
     for values, ends in ((level, rough), (level.swapaxes(1, 2), rough.swapaxes(1, 2))):
         edge = np.abs(values[:, :-1, 1:-EDGE_PX] - values[:, :-1, EDGE_PX:-1])

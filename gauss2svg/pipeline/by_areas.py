@@ -45,6 +45,8 @@ from gauss2svg.areas.find import (
     find_areas,
     refined,
 )
+from gauss2svg.areas.ringing import LEFT as BANDS_LEFT
+from gauss2svg.areas.ringing import is_rung, unrung, without_bands
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
@@ -129,6 +131,12 @@ class ByAreas:
         if self._noise:
             self._quality = quality_of(subject.working)
             subject = dataclasses.replace(subject, working=cleaned(subject.working, self._noise))
+        # Whether the picture may have been reduced by a filter that overshoots
+        is_known = not self._noise or self._quality is not None
+        self._is_rung = is_known and not plan.sketch and is_rung(self._noisy)
+        if self._is_rung and not self._noise:
+            working = without_bands(self._noisy)
+            subject = dataclasses.replace(subject, working=working)
         # Whether areas match the photo itself
         self._is_as_given = times == 1 and not (self._noise or plan.sketch or plan.in_inks)
         self._rate = RATE * max(1.0, PRICE_OF_NOISE * self._noise)
@@ -173,8 +181,8 @@ class ByAreas:
 
     def _search(self) -> Outcome:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
-        if self._quality is not None:
-            self._decode(self._quality)
+        if self._quality is not None or self._is_rung:
+            self._decode()
         if self._plan.in_inks and not self._inks:
             self._ink(str(self._plan.options.fit.inks))
         plan = dataclasses.replace(self._plan, rate=self._rate)
@@ -220,17 +228,32 @@ class ByAreas:
             both = max(both, self._recolored(both), key=self._psnr)
         return self._judged(both)
 
-    def _decode(self, quality: int) -> None:
-        """Take out of the picture what JPEG of this quality changed, as its areas tell."""
-        noise = 0.45 * self._noise  # what is left of it
-        for _ in range(DECODINGS):
+    def _decode(self) -> None:
+        """Take out of the picture what JPEG and a filter changed, as its areas tell."""
+        noise, noisy, quality = 0.45 * self._noise, self._noisy, self._quality
+        code = None if quality is None else lambda drawn: coded(drawn, quality, noisy)
+        for k in range(DECODINGS):
             found = self._found(self._areas)
             if self._ends() or found.drawing is None:
                 return
-            decoding = decoded(self._noisy, found.drawing.draw(), quality)
-            working = cleaned(decoding, noise, UNBLED)
+            working = None
+            if self._is_rung:
+                working = unrung(noisy, found.areas, found.background, code)
+                self._is_rung = k > 0 or working is not None
+            if working is None and quality is not None:
+                working = decoded(noisy, found.drawing.draw(), quality)
+            if working is None:
+                break
+            if noise:
+                working = cleaned(working, noise, UNBLED)
+            else:
+                working = without_bands(working, BANDS_LEFT)
             self._subject = dataclasses.replace(self._subject, working=working)
             self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
+        if self._is_rung:
+            self._is_as_given, self._fills, self._quality = False, False, None
+        elif not noise:
+            self._subject = dataclasses.replace(self._subject, working=noisy)
         self._tries = 0
 
     def _ink(self, inks: str) -> None:

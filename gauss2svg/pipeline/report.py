@@ -170,8 +170,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
         )
     if plan.options.svg.current_color and CURRENT_COLOR not in outcome.file.svg:
         yield (
-            "--current-color has no effect, because this is no drawing of areas in one colour. Try "
-            "--areas always. A background that is not even counts as a colour: cut it out first"
+            "--current-color has no effect, because the file has Gaussians, more than one colour, "
+            "or a background, which counts as a colour. Try --areas always, or cut it out first"
         )
     if plan.sketch:
         whole = decibels(psnr(outcome.measured.raster, pixels_of(photo)))

@@ -1,0 +1,142 @@
+"""Ringing: what Lanczos' and bicubic filters leave beside the edges of a drawing that they reduce.
+
+Beyond an edge, colours overshoot by up to a tenth of its contrast, in bands of a px. What a filter
+changes depends on the drawing alone, as with JPEG. So the areas of the picture without such bands
+are drawn enlarged, and reduced by each filter. What the likeliest filter changes is taken out of
+the picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy import ndimage
+
+from gauss2svg import portable
+from gauss2svg.areas.arrays import LEVEL, Floats
+from gauss2svg.areas.clean import LUMA
+from gauss2svg.areas.find import channels_of
+from gauss2svg.photo.pixels import from_views
+from gauss2svg.render.areas import draw_areas
+from gauss2svg.scene.areas import Area, Color
+
+SIDE, BAND = 6, 4  # px on both sides of an edge that are looked at, and of them those with bands
+EDGE, STEEP = 48 * LEVEL, 0.4  # least contrast of an edge, and the share of it in one step
+PLATEAU = 0.03  # share of the contrast by which the two outermost px of a side may differ
+FALL = 2.2 * LEVEL, 0.15  # least step back beside an edge, and the largest share of the contrast
+# Least number of edges with such a step, and their share of all edges. Drawings that a filter
+# reduced have a share of at least .33, others at most .1 (docs/decisions/areas.md).
+LEAST_EDGES, LEAST_SHARE = 8, 0.25
+WIDTH, NEAR = 3, 7  # px; bands are narrower than WIDTH. The contrast of NEAR x NEAR pixels counts
+# Bands have at most this share of the contrast, and what is left of them at most the second one.
+BANDS, LEFT = 0.12, 0.03
+# Least share of the changes of a filter that a picture has if the filter reduced it. It is .23 to
+# 1, because areas of thin parts may take on over half of them, as other colours and widths.
+EXPLAINED = 0.2
+# Share of the mean error that a filter must leave in a JPEG, whose noise changes by it. It leaves
+# .43 to .85 of those that it reduced, and .98 or more of others.
+LEAVES = 0.9
+TIMES, MOST_PIXELS = 4, 2**19  # factor by which drawings are reduced, half of it for larger ones
+FILTERS = BICUBIC, LANCZOS = 2, 3  # px to which the filters of Pillow reach
+
+
+def is_rung(picture: Floats) -> bool:
+    """Return whether colours step back beside many edges of a picture, as those of bands do."""
+    luma = portable.product(channels_of(picture)[..., -3:], LUMA[0].astype(np.float32))
+    edges = rung = 0
+    for rows in (luma, luma.T):
+        if rows.shape[1] < 2 * SIDE:
+            continue
+        step = np.diff(rows)[:, SIDE - 1 : 1 - SIDE]
+        whole = rows[:, 2 * SIDE - 1 :] - rows[:, : 1 - 2 * SIDE]
+        y, x = np.nonzero((np.abs(whole) > EDGE) & (step * np.sign(whole) > STEEP * np.abs(whole)))
+        profile = rows[y[:, None], x[:, None] + np.arange(2 * SIDE)]
+        contrast, way = np.abs(whole[y, x]), np.sign(whole[y, x])[:, None]
+        sides = np.stack([way * profile[:, SIDE:], -way * profile[:, SIDE - 1 :: -1]])
+        is_even = (np.abs(sides[..., -1] - sides[..., -2]) <= PLATEAU * contrast).all(axis=0)
+        fall = -np.diff(sides[..., :BAND]).min(axis=(0, 2))
+        edges += np.count_nonzero(is_even)
+        rung += np.count_nonzero(is_even & (fall > FALL[0]) & (fall < FALL[1] * contrast))
+    return bool(rung >= max(LEAST_EDGES, LEAST_SHARE * edges))
+
+
+def without_bands(picture: Floats, most: float = BANDS) -> Floats:
+    """Return a picture without narrow bands that differ little from what is on both sides.
+
+    most  difference as a share of the contrast nearby
+    """
+    values = channels_of(picture)
+    high, low = (
+        f(values, (NEAR, NEAR, 1)) for f in (ndimage.maximum_filter, ndimage.minimum_filter)
+    )
+    for smooth in (ndimage.grey_opening, ndimage.grey_closing):
+        new = smooth(values, (WIDTH, WIDTH, 1))
+        values = np.where(np.abs(new - values) <= most * (high - low), new, values)
+    return _picture(values)
+
+
+def unrung(
+    picture: Floats, areas: Sequence[Area], background: Color | None,
+    code: Callable[[Floats], Floats] | None = None,
+) -> Floats | None:  # fmt: skip
+    """Return a picture without what the filter changed that reduced it, or None if none did.
+
+    areas, background  those of the source, as far as they are known
+    code  function that changes a drawing as JPEG has changed the picture. None: nothing has
+    """
+    values, changed = channels_of(picture), code or (lambda drawn: drawn)
+    (height, width, _) = values.shape
+    times = TIMES if height * width <= MOST_PIXELS else TIMES // 2
+    large = _enlarged(areas, background, height, width, times)
+    mean = large.reshape(height, times, width, times, -1).mean(axis=(1, 3))
+
+    def off(drawn: Floats) -> float:  # few pixels of shadows have large errors
+        return float(np.abs(drawn - values).sum())
+
+    unfiltered, *both = map(changed, (mean, *(reduced(large, k, times) for k in FILTERS)))
+    drawn = min(both, key=off)
+    change = drawn - unfiltered
+    explained = (change * (values - unfiltered)).sum() / max(float((change**2).sum()), 1e-9)
+    is_likely = explained > EXPLAINED and (code is None or off(drawn) < LEAVES * off(unfiltered))
+    return _picture(values - drawn + mean) if is_likely else None
+
+
+def reduced(large: Floats, reach: int, times: int = TIMES) -> Floats:
+    """Return a picture (h, w, c) that is reduced to 1 / times of its size by a filter of Pillow."""
+    at = (np.arange(2 * reach * times) + 0.5) / times - reach
+    x = np.abs(at)
+    inner, outer = (1.5 * x - 2.5) * x**2 + 1, ((2.5 - 0.5 * x) * x - 4) * x + 2
+    weights = np.where(x < 1, inner, outer) if reach == BICUBIC else _sinc(at) * _sinc(at / reach)
+    weights = (weights / weights.sum()).astype(np.float32)
+    margin = reach * times - times // 2
+    for _ in range(2):  # first across, and both times clipped, as in 8 bits
+        padded = np.pad(large.swapaxes(0, 1), [(margin, margin), (0, 0), (0, 0)], "edge")
+        end = len(padded) - len(weights) + 1
+        rows = (padded[k : k + end : times] for k in range(len(weights)))
+        large = np.clip(sum(w * row for w, row in zip(weights, rows, strict=True)), 0, 1)
+    return large
+
+
+def _sinc(x: Floats) -> Floats:
+    """Return sin(pi x) / (pi x)."""
+    return portable.sin(np.pi * x) / (np.pi * x)
+
+
+def _enlarged(
+    areas: Sequence[Area], background: Color | None, height: int, width: int, times: int
+) -> Floats:
+    """Return the channels (times * height, times * width, c) of enlarged areas."""
+    views = []
+    for page in [(0.0,) * 3, (1.0,) * 3] if background is None else [background]:
+        views.append(np.full((times * height, times * width, 3), page, np.float32))
+        draw_areas(areas, views[-1], (times, times))
+    return np.concatenate(views, axis=2)
+
+
+def _picture(channels: Floats) -> Floats:
+    """Return the picture (h, w, 3), or (h, w, 4) with straight alpha, that has these channels."""
+    channels = np.clip(channels, 0, 1)
+    if channels.shape[2] == 3:
+        return channels
+    return from_views(channels[..., 3:], channels[..., :3])

@@ -1,0 +1,76 @@
+"""Properties of drawings that were reduced by filters that overshoot beside edges."""
+
+import numpy as np
+import pytest
+from flat import vectorize
+from PIL import Image
+from test_clean import as_jpeg, image_of, off
+from test_find import BLACK, DRAWINGS, RED, SIDE, drawn, polygon
+
+from gauss2svg.areas.ringing import BICUBIC, LANCZOS, TIMES, is_rung, reduced, unrung
+from gauss2svg.render.areas import draw_areas
+from gauss2svg.scene.areas import Area
+
+PILLOW = {BICUBIC: Image.Resampling.BICUBIC, LANCZOS: Image.Resampling.LANCZOS}
+WHITE = 1.0, 1.0, 1.0
+
+
+def large(areas, times: int = TIMES):
+    """Return an enlarged drawing on a white page, in 8 bits."""
+    image = np.ones((times * SIDE, times * SIDE, 3))
+    draw_areas(areas, image, (times, times))
+    return image_of(image)
+
+
+def rung(areas, reach: int):
+    """Return a drawing that was enlarged, and reduced by a filter."""
+    small = large(areas).resize((SIDE, SIDE), PILLOW[reach])
+    return np.asarray(small, np.float32) / 255
+
+
+@pytest.mark.parametrize("reach", PILLOW)
+def test_pictures_are_reduced_as_by_pillow(reach):
+    areas = DRAWINGS["up to the border"]
+    small = reduced(np.asarray(large(areas), np.float32) / 255, reach)
+    assert np.abs(small - rung(areas, reach)).max() < 1.5 / 255
+
+
+@pytest.mark.parametrize("reach", PILLOW)
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_the_areas_of_the_source_explain_what_a_filter_changed(name, reach):
+    picture, areas = rung(DRAWINGS[name], reach), DRAWINGS[name]
+    clean = unrung(picture, areas, WHITE)
+    assert clean is not None
+    assert np.abs(clean - drawn(areas)).max() < 3 / 255
+    assert unrung(drawn(areas), areas, WHITE) is None
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_clean_drawings_and_their_jpegs_are_as_no_filter_left_them(name):
+    clean = drawn(DRAWINGS[name])
+    assert not is_rung(clean)
+    assert unrung(as_jpeg(clean, 90), DRAWINGS[name], WHITE, lambda one: as_jpeg(one, 90)) is None
+
+
+@pytest.mark.parametrize("reach", PILLOW)
+@pytest.mark.parametrize("name", [name for name in DRAWINGS if name != "a line"])
+def test_a_reduced_drawing_has_the_areas_of_its_source(name, reach):
+    areas, picture = DRAWINGS[name], rung(DRAWINGS[name], reach)
+    assert is_rung(picture)
+    found = vectorize(picture).scene
+    assert (len(found.areas), len(found)) == (len(areas), 0)
+    assert off(areas, found.areas).max() < 0.3
+
+
+def test_a_faint_line_beside_an_edge_stays():
+    faint = tuple(0.93 * value for value in WHITE)
+    line = Area((polygon((10, 52), (86, 52), (86, 53), (10, 53)),), faint)
+    block = Area((polygon((10, 10), (86, 10), (86, 51), (10, 51)),), BLACK)
+    with_line = drawn([block, line])
+    assert len(vectorize(with_line).scene.areas) == 2
+
+
+def test_a_line_in_a_reduced_drawing_stays():
+    block = Area((polygon((10, 10), (86, 10), (86, 51), (10, 51)),), RED)
+    line = Area((polygon((10, 56), (86, 56), (86, 57), (10, 57)),), (0.9, 0.9, 0.9))
+    assert len(vectorize(rung([block, line], LANCZOS)).scene.areas) == 2
