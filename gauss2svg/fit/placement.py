@@ -139,11 +139,10 @@ class _Placer:
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
     def by_component(self, count: int) -> NewGaussians:
-        """Return up to `count` Gaussians, each on a component of the residual with most error.
+        """Return up to `count` Gaussians, one on each of the components with most squared residual.
 
-        The error of a component is the sum of its squared residual. Above areas, the largest
-        components are taken instead, as in LIVE, because large errors are thin there: they lie
-        along outlines.
+        Above areas, the largest components are taken instead, as in LIVE, because large errors are
+        thin there: they lie along outlines, which `gauss2svg.areas.refine` moves.
 
         Each Gaussian gets the mean colour of its component. At first the Gaussian is round, and as
         wide as a disc with the area A of the component: its sigma is sqrt(A / pi) / 2, which is the
@@ -151,7 +150,7 @@ class _Placer:
         stretched. Its direction and the ratio of its axes follow from the second moments of the
         component.
         """
-        if self._target.has_ground:
+        if self._target.has_areas_below:
             parts = self._components(count)
         else:
             parts = self._components(count, BINS, np.square(self._residual).sum(axis=0))
@@ -223,7 +222,7 @@ class _Placer:
         components = components_of(levels).ravel()
         area = np.bincount(components)
         weights = area if weight is None else np.bincount(components, weight.ravel())
-        weights[0] = 0  # rejected pixels have the number 0 and are no component
+        weights[0] = -1  # rejected pixels have the number 0 and are no component
         order = np.argsort(-weights, kind="stable")[: min(count, len(area) - 1)]
         rank = np.full(components.max() + 1, -1)
         rank[order] = np.arange(len(order))

@@ -122,6 +122,7 @@ class Target:
             self.focus = mask.weight(self.height, self.width).astype(dtype)
             self.weight = self.focus * weight
             self.weight *= weight.mean() / self.weight.mean()
+        self.has_areas_below = ground is not None and bool(ground.areas)
         self._grounds: dict[float | None, NDArray[np.floating]] = {}
         if ground is not None:
             from gauss2svg.render.areas import ground_of  # few fits need its kernels
@@ -151,11 +152,6 @@ class Target:
     def is_transparent(self) -> bool:
         """Whether the target has alpha."""
         return self.visible is not None
-
-    @property
-    def has_ground(self) -> bool:
-        """Whether the Gaussians lie above a scene of areas, and not only above a background."""
-        return bool(self._grounds)
 
     @property
     def is_blank(self) -> bool:
