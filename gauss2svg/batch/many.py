@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import pickle
+import re
 import sqlite3
 import sys
 import tempfile
@@ -61,6 +62,9 @@ if TYPE_CHECKING:
 
 # Longest time (s) to wait for the answer of a scheduler, which may be busy or far away.
 _CONNECT_S = 10.0
+# Beginning of text that a spreadsheet runs as a formula, after any number of apostrophes. If it has
+# some, `as_cell` adds another one, because `text_of_cell` takes one off.
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 # In a batch of fewer photos than this, each job has only one photo.
 _FEW_PHOTOS = 50_000
 
@@ -390,7 +394,7 @@ class Summary:
 
 
 def as_cell(value: Any) -> Any:
-    """Return a value as a CSV cell.
+    """Return a value as a CSV cell, which `text_of_cell` turns back into the text.
 
     An apostrophe is put before text that begins like a formula, so that no spreadsheet runs it.
     Source: OWASP, "CSV Injection".
@@ -399,7 +403,12 @@ def as_cell(value: Any) -> Any:
         return value
     # A file name may have bytes that are not valid Unicode. They are escaped.
     text = value if value.isascii() else value.encode(errors="backslashreplace").decode()
-    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
+    return f"'{text}" if _FORMULA.match(text) else text
+
+
+def text_of_cell(cell: str) -> str:
+    """Return the text of a CSV cell without the apostrophe that `as_cell` puts before it."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
 def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
@@ -425,7 +434,12 @@ def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
 
 
 def _write_parquet(table: str, path: str) -> None:
+    """Write a CSV table as Parquet, without the apostrophes of `as_cell`.
+
+    Columns of integers may have nulls. The metadata keep pandas from reading them as floats.
+    """
     import pyarrow as pa
+    from pyarrow import compute
     from pyarrow import csv as reader
     from pyarrow.parquet import ParquetWriter
 
@@ -434,6 +448,23 @@ def _write_parquet(table: str, path: str) -> None:
     lines = reader.ParseOptions(newlines_in_values=True)
     options = reader.ConvertOptions(column_types=types)
     rows = reader.open_csv(table, parse_options=lines, convert_options=options)
-    with ParquetWriter(path, rows.schema) as writer:
+    numpy_types = {pa.int64(): "Int64", pa.float64(): "float64", pa.bool_(): "bool"}
+    columns = [
+        {
+            "name": name, "field_name": name, "metadata": None,
+            "pandas_type": "unicode" if kind == pa.string() else str(kind),
+            "numpy_type": numpy_types.get(kind, "object"),
+        }
+        for name, kind in types.items()
+    ]  # fmt: skip
+    described = {"index_columns": [], "column_indexes": [], "columns": columns}
+    schema = rows.schema.with_metadata({"pandas": json.dumps(described)})
+    with ParquetWriter(path, schema) as writer:
         for batch in rows:
-            writer.write_batch(batch)
+            cells: Any = [
+                compute.replace_substring_regex(column, f"^'({_FORMULA.pattern})", r"\1")
+                if column.type == pa.string()
+                else column
+                for column in batch.columns
+            ]
+            writer.write_batch(pa.record_batch(cells, schema=schema))
