@@ -116,5 +116,6 @@ def required(value: Any, name: str, kind: type[_Kind]) -> _Kind:
     name  name of the value in the error message
     """
     if not isinstance(value, kind):
-        raise refusal(name, f"a {kind.__name__}", type(value).__name__)
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise refusal(name, f"{article} {kind.__name__}", type(value).__name__)
     return value

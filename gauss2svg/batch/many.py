@@ -48,13 +48,13 @@ from gauss2svg.errors import (
     refusal,
 )
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case, reason_of
-from gauss2svg.options import file_name
+from gauss2svg.options import fields_of, file_name
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline.budgets import memory_limit
-from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.options import Goal, Options, unknown_keyword
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pool import Pool, WorkerDiedError, completed
-from gauss2svg.processes import MEMORY_SHARE
+from gauss2svg.processes import MEMORY_SHARE, command_line
 from gauss2svg.version import __version__
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ def vectorize_many(
     *,
     batch: BatchOptions | None = None,
     client: Client | None = None,
+    **goals: Any,
 ) -> Iterator[PhotoRecord]:
     """Vectorise many photos, and yield the record of each when it is finished.
 
@@ -85,12 +86,17 @@ def vectorize_many(
     batch    BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
     client   client of a Dask cluster, whose workers must have one thread each. If it is None,
              `batch` says where the photos are vectorised.
+    goals    fields of Goal, as in `vectorize`: vectorize_many(photos, "out", quality="draft")
 
     Photos that an earlier run has finished are skipped. Workers are started only if other photos
     are left. If a photo fails, its record has an error. Raise InputError for bad arguments, before
     any photo is read. Raise OutputError if no file can be written. Raise ClusterError if workers
-    are lost, or if they have other versions of packages than this process.
+    are lost, or if they have other versions of packages than this process. Raise TypeError for an
+    unknown keyword.
     """
+    for name in goals.keys() - {field.name for field in fields_of(Goal)}:
+        raise unknown_keyword(name, "vectorize_many", "options=Options({})")
+    options = instance(options, "options", Options).changed(**goals)
     return Batch(sources, output, options, batch).run(client)
 
 
@@ -194,8 +200,20 @@ class Batch:
         if row is not None:
             (photo, output), (other, _) = map(pickle.loads, row)
             got = f"{photo} and {other}, which would both write {output}"
-            raise refusal("photos", "with outputs of their own", got, "a run and a folder for each")
+            advice = self._advice_for(photo, other)
+            raise refusal("photos", "with outputs of their own", got, advice)
         return self._db.execute("SELECT count(*) FROM photos").fetchone()[0]
+
+    def _advice_for(self, photo: str, other: str) -> str:
+        """Return advice on two photos that would write the same file."""
+        first, second = Path(photo).parent, Path(other).parent
+        if not (is_url(photo) or is_url(other) or first == second):
+            above = [first, *first.parents][:-1]
+            if folder := next(filter(second.is_relative_to, above), None):
+                # The outputs of the photos in a folder keep their subfolders.
+                output = self.root if is_url(self.root) else _short(Path(self.root))
+                return command_line(["gauss2svg", "batch", _short(folder), "-o", output])
+        return "a run and a folder for each"
 
     def run(self, client: Client | None = None) -> Generator[PhotoRecord]:
         """Yield the records of all photos, then write the tables.
@@ -263,6 +281,12 @@ class Batch:
                         line += "fewer --workers"
                         records = [PhotoRecord(*start, error=line, error_code="WorkerDied")]
                     yield from map(self._store, records)
+
+
+def _short(path: Path) -> str:
+    """Return an absolute path, or the path from the current folder if it is in that folder."""
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 @contextmanager
@@ -378,7 +402,7 @@ class Summary:
         """Return text with the speed, failures and remaining time of a batch of `count` photos."""
         rate = (self.done + self.failed) / self._seconds
         left = timedelta(seconds=round((count - self.total) / rate)) if rate else "unknown time"
-        return f"{rate:.3g} photos/s, {self.failed:,} failed, {left} left"
+        return f"{_speed(rate)}, {self.failed:,} failed, {left} left"
 
     @property
     def _seconds(self) -> float:
@@ -389,8 +413,13 @@ class Summary:
         """Yield the lines of the final summary."""
         seconds = self._seconds
         counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
-        yield f"{counts} in {seconds:.1f} s: {self.done / seconds:.3g} photos a second"
+        yield f"{counts} in {seconds:.1f} s: {_speed(self.done / seconds)}"
         yield from self._failures
+
+
+def _speed(rate: float) -> str:
+    """Return text for a number of photos per second, which is the seconds of a photo below 1."""
+    return f"{1 / rate:.3g} s a photo" if 0 < rate < 1 else f"{rate:.3g} photos a second"
 
 
 def as_cell(value: Any) -> Any:

@@ -118,7 +118,7 @@ def main(arguments: list[str] | None = None) -> int:
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except KeyboardInterrupt as interrupt:
-        say("interrupted; every file is whole or untouched")
+        say(str(interrupt) or "interrupted; every file is whole or untouched")
         return status_of(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
 
 

@@ -222,7 +222,7 @@ def counting_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
 
         def update(now: str, done: int, total: int) -> None:
             nonlocal last_line_at
-            line = f"{done:,} of {total:,}: {now}"
+            line = f"{done:,} of {total:,}{f': {now}' if now else ''}"
             if show is not None:
                 show(line, done / max(total, 1))
             elif not quiet and time.monotonic() - last_line_at >= 60:

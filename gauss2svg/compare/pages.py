@@ -15,14 +15,20 @@ from functools import partial
 from importlib.resources import files
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Never
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import COUNTS, TOOL, Row
-from gauss2svg.compare.variants import Variant, entries_of, main_variant, variants_of
-from gauss2svg.errors import OutputError, on_one_line
+from gauss2svg.compare.variants import (
+    Variant,
+    entries_of,
+    main_variant,
+    refuse_keywords,
+    variants_of,
+)
+from gauss2svg.errors import OutputError, instance, on_one_line
 from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
 from gauss2svg.pipeline.budgets import memory_limit
@@ -76,6 +82,7 @@ def build_gallery(
     options: GalleryOptions | None = None,
     command: str | None = None,
     progress: Callable[[GalleryProgress], None] | None = None,
+    **unknown: Never,
 ) -> Gallery:
     """Vectorise photos in several variants, and write web pages that compare them.
 
@@ -97,12 +104,13 @@ def build_gallery(
     loses only the SVGs that are not finished. If a photo cannot be read, the first page lists the
     failure, and the other photos are still compared. The pages need neither a server nor a network.
     Raise InputError for bad arguments. Raise OutputError if the folder cannot be written, or if it
-    has other files with the names of the pages.
+    has other files with the names of the pages. Raise TypeError for an unknown keyword.
     """
+    refuse_keywords(unknown, "build_gallery", GalleryOptions)
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers, axes)
     entries = {variant: entries_of(variant.files, listed) for variant in chosen}
-    options = options or GalleryOptions()
+    options = instance(options, "options", GalleryOptions)
     jobs, size, seed = options.jobs, options.photo_size, options.seed
     # If no number of threads is given, the processes share the cores.
     threads = thread_count(options.threads) // (jobs if options.threads is None else 1) or 1

@@ -33,7 +33,7 @@ from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted,
 from gauss2svg.files import reading, text_of
 from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.measure import SCORES
-from gauss2svg.options import Field, fields_of
+from gauss2svg.options import Field, OptionGroup, fields_of
 from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan
@@ -307,6 +307,22 @@ AXES: dict[str, Field] = {
     if (key in ("goal", "fit", "densify", "svg") and field.name != "seed")
     or field.name in ("renderer", "max_size")
 }
+
+
+def refuse_keywords(unknown: Iterable[str], function: str, group: type[OptionGroup]) -> None:
+    """Raise TypeError for the first keyword that a function does not have.
+
+    If the keyword is an option, the message says how to give it.
+
+    group  class of the function's argument `options`
+    """
+    own = [field.name for field in fields_of(group)]
+    for name in unknown:
+        how = f'axes={{"{name}": [...]}}' if name in AXES else nearest(name, [*own, *AXES])
+        how = f"options={group.__name__}({name}=...)" if name in own else how
+        advice = f". Try {how}" if how else ""
+        raise TypeError(f"keyword must be one of {function}; got {quoted(name)}{advice}")
+
 
 # Settings of the benchmark if no axis is given: first the presets, and then some numbers of
 # Gaussians and of iterations with the default preset. On two cores, these runs take about a minute
