@@ -48,11 +48,12 @@ from gauss2svg.errors import (
     refusal,
 )
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case, reason_of
-from gauss2svg.options import fields_of, file_name
+from gauss2svg.options import Field, fields_of, file_name
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.options import Goal, Options, unknown_keyword
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.processes import MEMORY_SHARE, command_line
 from gauss2svg.version import __version__
@@ -76,17 +77,19 @@ def vectorize_many(
     *,
     batch: BatchOptions | None = None,
     client: Client | None = None,
+    progress: bool = False,
     **goals: Any,
 ) -> Iterator[PhotoRecord]:
     """Vectorise many photos, and yield the record of each when it is finished.
 
-    sources  folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
-    output   folder for the SVGs, and the table gauss2svg-batch/table.csv
-    options  options for every photo, such as Options(goal=Goal(quality="draft"))
-    batch    BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
-    client   client of a Dask cluster, whose workers must have one thread each. If it is None,
-             `batch` says where the photos are vectorised.
-    goals    fields of Goal, as in `vectorize`: vectorize_many(photos, "out", quality="draft")
+    sources   folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
+    output    folder for the SVGs, and the table gauss2svg-batch/table.csv
+    options   options for every photo, such as Options(goal=Goal(quality="draft"))
+    batch     BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
+    client    client of a Dask cluster, whose workers must have one thread each. If it is None,
+              `batch` says where the photos are vectorised.
+    progress  whether to show a bar on a terminal or in a notebook
+    goals     fields of Goal, as in `vectorize`: vectorize_many(photos, "out", quality="draft")
 
     Photos that an earlier run has finished are skipped. Workers are started only if other photos
     are left. If a photo fails, its record has an error. Raise InputError for bad arguments, before
@@ -97,7 +100,18 @@ def vectorize_many(
     for name in goals.keys() - {field.name for field in fields_of(Goal)}:
         raise unknown_keyword(name, "vectorize_many", "options=Options({})")
     options = instance(options, "options", Options).changed(**goals)
-    return Batch(sources, output, options, batch).run(client)
+    show_progress = Field("progress", bool).checked(progress)
+    job = Batch(sources, output, options, batch)
+    return _shown(job, client) if show_progress else job.run(client)
+
+
+def _shown(job: Batch, client: Client | None) -> Iterator[PhotoRecord]:
+    summary = Summary()
+    with counting() as update:
+        for record in job.run(client):
+            summary.add(record)
+            update(summary.progress_text(job.count), summary.total, job.count)
+            yield record
 
 
 # The workers of a batch, as four items:

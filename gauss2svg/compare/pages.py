@@ -12,10 +12,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
+from html import escape
 from importlib.resources import files
 from itertools import chain
 from pathlib import Path
 from typing import Any, Never
+from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
@@ -28,10 +30,11 @@ from gauss2svg.compare.variants import (
     refuse_keywords,
     variants_of,
 )
-from gauss2svg.errors import OutputError, instance, on_one_line
+from gauss2svg.errors import OutputError, instance, on_one_line, refusal
 from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
 from gauss2svg.pipeline.budgets import memory_limit
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
@@ -70,6 +73,23 @@ class Gallery:
         """Path of the first page."""
         return self.directory / "index.html"
 
+    def _repr_html_(self) -> str:
+        """Return HTML with a link to the first page, and a table of the variants."""
+        keys = {"PSNR": ("median_psnr_svg", PSNR.text), "size": ("median_svg_bytes", chart.size)}
+        keys["time"] = ("median_total_s", chart.seconds)
+        heads = "".join(f"<th>{name}</th>" for name in ("", *keys))
+        rows = [
+            f"<tr><td>{escape(row['variant'])}</td>"
+            + "".join(f"<td>{text(row[key])}</td>" for key, text in keys.values())
+            for row in self.summary
+        ]
+        link = f'<a href="{escape(quote(self.index.as_posix()))}">{escape(repr(self)[1:-1])}</a>'
+        return f"{link}<table><tr>{heads}</tr>{''.join(rows)}</table>"
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.rows)} SVGs, {len(self.failures)} failed"
+        return f"<gauss2svg.Gallery {counts}, {self.index}>"
+
 
 def build_gallery(
     photos: Sequence[str | os.PathLike[str]],
@@ -81,7 +101,7 @@ def build_gallery(
     axes: Mapping[str, Sequence[Any]] | None = None,
     options: GalleryOptions | None = None,
     command: str | None = None,
-    progress: Callable[[GalleryProgress], None] | None = None,
+    progress: Callable[[GalleryProgress], None] | bool | None = None,
     **unknown: Never,
 ) -> Gallery:
     """Vectorise photos in several variants, and write web pages that compare them.
@@ -97,7 +117,8 @@ def build_gallery(
                high are compared.
     options    all other options, such as GalleryOptions(jobs=2, title="Flowers")
     command    command line that the pages show
-    progress   called with a GalleryProgress when a step begins or ends
+    progress   function that is called with a GalleryProgress when a step begins or ends. True shows
+               a bar on a terminal or in a notebook
 
     A finished SVG is kept. It is made again only if the bytes of the photo, the settings, the code
     of this package, the renderer or the packages that compute scores have changed. An interruption
@@ -107,6 +128,16 @@ def build_gallery(
     has other files with the names of the pages. Raise TypeError for an unknown keyword.
     """
     refuse_keywords(unknown, "build_gallery", GalleryOptions)
+    if progress is True:
+        with counting() as update:
+            return build_gallery(
+                photos, directory, variants=variants, counts=counts, peers=peers, axes=axes,
+                options=options, command=command,
+                progress=lambda state: update("; ".join(state.now), state.done, state.total),
+            )  # fmt: skip
+    report = None if progress is False else progress
+    if report is not None and not callable(report):
+        raise refusal("progress", "a function", type(report).__name__)
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers, axes)
     entries = {variant: entries_of(variant.files, listed) for variant in chosen}
@@ -142,7 +173,7 @@ def build_gallery(
         return Task(photo, variant, parameters, dependencies, columns, file)
 
     plan = {task_of(photo): [task_of(photo, variant) for variant in chosen] for photo in listed}
-    grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], progress)
+    grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], report)
 
     def write() -> Gallery:
         call = f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
