@@ -263,6 +263,17 @@ def write_pages(
         for row in rows
         if row["tool"] != TOOL and row["tool_version"]
     }
+    reasons = Counter(
+        line
+        for result in results
+        for line in dict.fromkeys(
+            line for svg in result["svgs"] for line in svg["report"].get("scores_missing", ())
+        )
+    )
+    unmeasured = [
+        line if count == len(results) else f"{line} ({count} of {len(results)} photos)"
+        for line, count in reasons.items()
+    ]
     origins = Counter(
         (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
         for row in rows
@@ -272,7 +283,7 @@ def write_pages(
         **document,
         "variants": variants, "main": main_variant(variants), "results": results,
         "reports": reports, "scores": scores, "parts": parts, "explained": ON_REQUEST,
-        "costs": chart.COSTS,
+        "costs": chart.COSTS, "unmeasured": unmeasured,
         "chart_of": partial(chart_of, results, variants), "versions": sorted(versions),
         "origins": origins, "heatmap": heatmap, "files": run,
     }  # fmt: skip
@@ -353,16 +364,39 @@ def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
     return summary
 
 
+def _other_settings(variants: Sequence[Variant]) -> dict[Variant, tuple[Any, ...]]:
+    """Return what the variants of a line in charts have in common, for each variant of gauss2svg.
+
+    This is the names of their options, and the values of all of these but one. The option that
+    varies along the line is the one with the most values, or a number if several have as many.
+    """
+    own = [variant for variant in variants if variant.is_own]
+    counts = Counter(name for name, _ in {s for variant in own for s in variant.settings})
+
+    def others(settings: tuple[tuple[str, Any], ...]) -> tuple[Any, ...]:
+        varied = max(settings, key=lambda s: (counts[s[0]], isinstance(s[1], (int, float))))[0]
+        return tuple((name, None if name == varied else value) for name, value in settings)
+
+    return {variant: others(variant.settings) for variant in own}
+
+
 def chart_of(
     results: Sequence[Row], variants: Sequence[Variant], axis: Score, cost: chart.Cost
 ) -> dict[str, Any] | None:
-    """Return the chart of a score over a cost. Each point links to the page of its photo."""
+    """Return the chart of a score over a cost. Each point links to the page of its photo.
+
+    A line joins the SVGs of a photo whose variants differ in a single option.
+    """
+    shared = _other_settings(variants)
+    lines: dict[Any, int] = {}  # index of each line
     points = [
         {
             "cost": svg["report"][cost.key],
             "score": score,
             "series": variants.index(svg["variant"]),
-            "group": index if svg["variant"].is_own else None,
+            "group": lines.setdefault((index, shared[svg["variant"]]), len(lines))
+            if svg["variant"].is_own
+            else None,
             "text": f"{svg['title']}: {axis.text(score)}, {cost.text(svg['report'][cost.key])}",
             "href": f"{svg['row']['page']}#{svg['variant'].slug}",
         }
