@@ -44,6 +44,7 @@ from gauss2svg.errors import (
     OutputError,
     brief,
     instance,
+    of_file,
     quoted,
     refusal,
 )
@@ -410,7 +411,7 @@ class Summary:
         self.skipped += record.skipped
         self.failed += record.error is not None
         if record.error and len(self._failures) < 5:
-            self._failures.append(f"failed: {record.input}: {record.error}")
+            self._failures.append(f"failed: {of_file(record.input, record.error)}")
 
     def progress_text(self, count: int) -> str:
         """Return text with the speed, failures and remaining time of a batch of `count` photos."""

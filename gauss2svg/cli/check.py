@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from gauss2svg import files
 from gauss2svg.cli.terminal import counting_bar, say
-from gauss2svg.errors import Gauss2SvgError, brief, refusal
+from gauss2svg.errors import Gauss2SvgError, brief, of_file, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.measure import CheckOptions
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
@@ -104,7 +104,7 @@ def run(given: dict[str, Any]) -> int:
                 if is_one:
                     raise
                 records.append({"photo": photo, "svg": svg, "error": str(error)})
-                lines.append(f"failed: {svg}: {error}")
+                lines.append(f"failed: {of_file(svg, str(error))}")
                 status = 2
                 continue
             records.append({"photo": photo, "svg": svg, **result.report})
@@ -214,7 +214,7 @@ def _result(photo: str, svg: str, reference: str | None, options: CheckOptions) 
     from gauss2svg.measure.check import check
 
     return check(
-        files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo,
+        files.read_input() if photo == STANDARD_STREAM else photo,
         files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else Path(svg),
         reference=reference,
         **dataclasses.asdict(options),

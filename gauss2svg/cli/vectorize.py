@@ -283,7 +283,7 @@ def _result(
     from gauss2svg.pipeline.run import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
-    source = files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
+    source = files.read_input() if photo == STANDARD_STREAM else photo
     if output == STANDARD_STREAM or extras.prints_report:
         # If standard output is closed, this raises an error now and not only after the fit.
         files.standard_stream(sys.stdout, "output")
