@@ -60,6 +60,11 @@ def nearest(word: str, names: Iterable[str]) -> str:
     return [*longer, *get_close_matches(word, names, 1, cutoff=0.75), ""][0]
 
 
+def of_file(name: str, message: str) -> str:
+    """Return an error message after the name of the file, if the message lacks that name."""
+    return message if name in message else f"{name}: {message}"
+
+
 def on_one_line(text: str) -> str:
     """Return text as one line for a terminal, with control characters escaped."""
     if text.isprintable():
@@ -116,5 +121,6 @@ def required(value: Any, name: str, kind: type[_Kind]) -> _Kind:
     name  name of the value in the error message
     """
     if not isinstance(value, kind):
-        raise refusal(name, f"a {kind.__name__}", type(value).__name__)
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise refusal(name, f"{article} {kind.__name__}", type(value).__name__)
     return value

@@ -67,6 +67,14 @@ def standard_stream(stream: Any, name: str) -> IO[bytes]:
     return stream.buffer
 
 
+def read_input() -> bytes:
+    """Read standard input. Raise InputError if it is closed or empty."""
+    data = standard_stream(sys.stdin, "input").read()
+    if not data:
+        raise InputError("standard input is empty. Try a file name instead of -")
+    return data
+
+
 def write_output(data: bytes) -> None:
     """Write to standard output. Raise InputError if it is closed."""
     stdout = standard_stream(sys.stdout, "output")

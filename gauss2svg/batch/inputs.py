@@ -53,7 +53,8 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
             path, name = photo
             yield path, posixpath.splitext(name.replace(os.sep, "/"))[0]
         if photo is None:
-            raise refusal("photos", "one or more", f"none in {source}", "a folder of photos")
+            place = "standard input" if source == STANDARD_STREAM else source
+            raise refusal("photos", "one or more", f"none in {place}", "a folder of photos")
 
 
 def local_photos(sources: Iterable[str]) -> list[str]:

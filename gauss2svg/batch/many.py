@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import pickle
+import re
 import sqlite3
 import sys
 import tempfile
@@ -43,17 +44,19 @@ from gauss2svg.errors import (
     OutputError,
     brief,
     instance,
+    of_file,
     quoted,
     refusal,
 )
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case, reason_of
-from gauss2svg.options import file_name
+from gauss2svg.options import Field, fields_of, file_name
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline.budgets import memory_limit
-from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.options import Goal, Options, unknown_keyword
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pool import Pool, WorkerDiedError, completed
-from gauss2svg.processes import MEMORY_SHARE
+from gauss2svg.processes import MEMORY_SHARE, command_line
 from gauss2svg.version import __version__
 
 if TYPE_CHECKING:
@@ -61,6 +64,9 @@ if TYPE_CHECKING:
 
 # Longest time (s) to wait for the answer of a scheduler, which may be busy or far away.
 _CONNECT_S = 10.0
+# Beginning of text that a spreadsheet runs as a formula, after any number of apostrophes. If it has
+# some, `as_cell` adds another one, because `text_of_cell` takes one off.
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 # In a batch of fewer photos than this, each job has only one photo.
 _FEW_PHOTOS = 50_000
 
@@ -72,22 +78,41 @@ def vectorize_many(
     *,
     batch: BatchOptions | None = None,
     client: Client | None = None,
+    progress: bool = False,
+    **goals: Any,
 ) -> Iterator[PhotoRecord]:
     """Vectorise many photos, and yield the record of each when it is finished.
 
-    sources  folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
-    output   folder for the SVGs, and the table gauss2svg-batch/table.csv
-    options  options for every photo, such as Options(goal=Goal(quality="draft"))
-    batch    BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
-    client   client of a Dask cluster, whose workers must have one thread each. If it is None,
-             `batch` says where the photos are vectorised.
+    sources   folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
+    output    folder for the SVGs, and the table gauss2svg-batch/table.csv
+    options   options for every photo, such as Options(goal=Goal(quality="draft"))
+    batch     BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
+    client    client of a Dask cluster, whose workers must have one thread each. If it is None,
+              `batch` says where the photos are vectorised.
+    progress  whether to show a bar on a terminal or in a notebook
+    goals     fields of Goal, as in `vectorize`: vectorize_many(photos, "out", quality="draft")
 
     Photos that an earlier run has finished are skipped. Workers are started only if other photos
     are left. If a photo fails, its record has an error. Raise InputError for bad arguments, before
     any photo is read. Raise OutputError if no file can be written. Raise ClusterError if workers
-    are lost, or if they have other versions of packages than this process.
+    are lost, or if they have other versions of packages than this process. Raise TypeError for an
+    unknown keyword.
     """
-    return Batch(sources, output, options, batch).run(client)
+    for name in goals.keys() - {field.name for field in fields_of(Goal)}:
+        raise unknown_keyword(name, "vectorize_many", "options=Options({})")
+    options = instance(options, "options", Options).changed(**goals)
+    show_progress = Field("progress", bool).checked(progress)
+    job = Batch(sources, output, options, batch)
+    return _shown(job, client) if show_progress else job.run(client)
+
+
+def _shown(job: Batch, client: Client | None) -> Iterator[PhotoRecord]:
+    summary = Summary()
+    with counting() as update:
+        for record in job.run(client):
+            summary.add(record)
+            update(summary.progress_text(job.count), summary.total, job.count)
+            yield record
 
 
 # The workers of a batch, as four items:
@@ -190,8 +215,20 @@ class Batch:
         if row is not None:
             (photo, output), (other, _) = map(pickle.loads, row)
             got = f"{photo} and {other}, which would both write {output}"
-            raise refusal("photos", "with outputs of their own", got, "a run and a folder for each")
+            advice = self._advice_for(photo, other)
+            raise refusal("photos", "with outputs of their own", got, advice)
         return self._db.execute("SELECT count(*) FROM photos").fetchone()[0]
+
+    def _advice_for(self, photo: str, other: str) -> str:
+        """Return advice on two photos that would write the same file."""
+        first, second = Path(photo).parent, Path(other).parent
+        if not (is_url(photo) or is_url(other) or first == second):
+            above = [first, *first.parents][:-1]
+            if folder := next(filter(second.is_relative_to, above), None):
+                # The outputs of the photos in a folder keep their subfolders.
+                output = self.root if is_url(self.root) else _short(Path(self.root))
+                return command_line(["gauss2svg", "batch", _short(folder), "-o", output])
+        return "a run and a folder for each"
 
     def run(self, client: Client | None = None) -> Generator[PhotoRecord]:
         """Yield the records of all photos, then write the tables.
@@ -259,6 +296,12 @@ class Batch:
                         line += "fewer --workers"
                         records = [PhotoRecord(*start, error=line, error_code="WorkerDied")]
                     yield from map(self._store, records)
+
+
+def _short(path: Path) -> str:
+    """Return an absolute path, or the path from the current folder if it is in that folder."""
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 @contextmanager
@@ -368,13 +411,13 @@ class Summary:
         self.skipped += record.skipped
         self.failed += record.error is not None
         if record.error and len(self._failures) < 5:
-            self._failures.append(f"failed: {record.input}: {record.error}")
+            self._failures.append(f"failed: {of_file(record.input, record.error)}")
 
     def progress_text(self, count: int) -> str:
         """Return text with the speed, failures and remaining time of a batch of `count` photos."""
         rate = (self.done + self.failed) / self._seconds
         left = timedelta(seconds=round((count - self.total) / rate)) if rate else "unknown time"
-        return f"{rate:.3g} photos/s, {self.failed:,} failed, {left} left"
+        return f"{_speed(rate)}, {self.failed:,} failed, {left} left"
 
     @property
     def _seconds(self) -> float:
@@ -385,12 +428,17 @@ class Summary:
         """Yield the lines of the final summary."""
         seconds = self._seconds
         counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
-        yield f"{counts} in {seconds:.1f} s: {self.done / seconds:.3g} photos a second"
+        yield f"{counts} in {seconds:.1f} s: {_speed(self.done / seconds)}"
         yield from self._failures
 
 
+def _speed(rate: float) -> str:
+    """Return text for a number of photos per second, which is the seconds of a photo below 1."""
+    return f"{1 / rate:.3g} s a photo" if 0 < rate < 1 else f"{rate:.3g} photos a second"
+
+
 def as_cell(value: Any) -> Any:
-    """Return a value as a CSV cell.
+    """Return a value as a CSV cell, which `text_of_cell` turns back into the text.
 
     An apostrophe is put before text that begins like a formula, so that no spreadsheet runs it.
     Source: OWASP, "CSV Injection".
@@ -399,7 +447,12 @@ def as_cell(value: Any) -> Any:
         return value
     # A file name may have bytes that are not valid Unicode. They are escaped.
     text = value if value.isascii() else value.encode(errors="backslashreplace").decode()
-    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
+    return f"'{text}" if _FORMULA.match(text) else text
+
+
+def text_of_cell(cell: str) -> str:
+    """Return the text of a CSV cell without the apostrophe that `as_cell` puts before it."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
 def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
@@ -425,7 +478,12 @@ def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
 
 
 def _write_parquet(table: str, path: str) -> None:
+    """Write a CSV table as Parquet, without the apostrophes of `as_cell`.
+
+    Columns of integers may have nulls. The metadata keep pandas from reading them as floats.
+    """
     import pyarrow as pa
+    from pyarrow import compute
     from pyarrow import csv as reader
     from pyarrow.parquet import ParquetWriter
 
@@ -434,6 +492,23 @@ def _write_parquet(table: str, path: str) -> None:
     lines = reader.ParseOptions(newlines_in_values=True)
     options = reader.ConvertOptions(column_types=types)
     rows = reader.open_csv(table, parse_options=lines, convert_options=options)
-    with ParquetWriter(path, rows.schema) as writer:
+    numpy_types = {pa.int64(): "Int64", pa.float64(): "float64", pa.bool_(): "bool"}
+    columns = [
+        {
+            "name": name, "field_name": name, "metadata": None,
+            "pandas_type": "unicode" if kind == pa.string() else str(kind),
+            "numpy_type": numpy_types.get(kind, "object"),
+        }
+        for name, kind in types.items()
+    ]  # fmt: skip
+    described = {"index_columns": [], "column_indexes": [], "columns": columns}
+    schema = rows.schema.with_metadata({"pandas": json.dumps(described)})
+    with ParquetWriter(path, schema) as writer:
         for batch in rows:
-            writer.write_batch(batch)
+            cells: Any = [
+                compute.replace_substring_regex(column, f"^'({_FORMULA.pattern})", r"\1")
+                if column.type == pa.string()
+                else column
+                for column in batch.columns
+            ]
+            writer.write_batch(pa.record_batch(cells, schema=schema))

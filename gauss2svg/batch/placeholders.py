@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
-from gauss2svg.errors import Gauss2SvgError, InputError, brief, quoted, refusal
+from gauss2svg.errors import Gauss2SvgError, InputError, brief, of_file, quoted, refusal
 from gauss2svg.files import (
     FILE_ENDINGS,
     STANDARD_STREAM,
@@ -129,7 +129,7 @@ class PlaceholderList:
                 one = placeholder(photo.path, options.max_bytes, bytes_of=options.bytes_of)
             except Gauss2SvgError as error:
                 line = str(error).replace("max_bytes must", "--max-bytes must")
-                self.failures.append(f"failed: {photo.name}: {line}")
+                self.failures.append(f"failed: {of_file(photo.name, line)}")
             else:
                 self.new[photo], self._entries[key] = one, self._entry(photo, one)
 

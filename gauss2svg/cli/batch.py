@@ -66,9 +66,11 @@ def run(given: dict[str, Any]) -> int:
                 if command.log == "json":
                     files.write_output(json.dumps(record._asdict()).encode() + b"\n")
                 update(summary.progress_text(count), summary.total, count)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         job.finish()
         say(f"see {', '.join(job.tables)}")
+        done = f"{summary.done + summary.skipped:,} of {count:,} photos are done"
+        interrupt.args = (f"interrupted; {done}, and the same command goes on with the others",)
         raise
     if not command.quiet:
         for line in summary.lines():

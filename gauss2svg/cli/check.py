@@ -6,11 +6,11 @@ import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from gauss2svg import files
 from gauss2svg.cli.terminal import counting_bar, say
-from gauss2svg.errors import Gauss2SvgError, brief, refusal
+from gauss2svg.errors import Gauss2SvgError, brief, of_file, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.measure import CheckOptions
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
@@ -31,7 +31,7 @@ class CheckFiles(OptionGroup):
     svg: tuple[str, ...] = ()
     """SVG of any program, which may be gzipped, or - for standard input. It is stretched to the
     size at which it is compared. Several give a table. After a folder of photos, the folder of
-    their SVGs."""
+    their SVGs. If a photo or SVG in them has no partner of its name, the exit status is 1."""
 
     reference: str | None = None
     """SVG or larger picture that the photo was made from. The SVG is also enlarged by
@@ -43,14 +43,16 @@ class CheckOutput(OptionGroup):
     """Options that set which files are written, whether a summary is shown, and the exit status."""
 
     heatmap: Annotated[Path | None, file_path] = None
-    """Save a map of the errors as a PNG file. Each pixel shows the largest difference of its colour
-    channels, from black for none to pale yellow for 64 or more of 255 levels."""
+    """Save a map of the errors as a PNG file, or in this folder if the SVGs are in a table. Each
+    pixel shows the largest difference of its colour channels, from black for none to pale yellow
+    for 64 or more of 255 levels."""
 
     preview: Annotated[Path | None, file_path] = None
-    """Save the rasterised SVG as a PNG file."""
+    """Save the rasterised SVG as a PNG file, or in this folder if the SVGs are in a table."""
 
     report: Annotated[Path | None, file_path] = None
-    """Save all measurements as a JSON file. Those of several SVGs are a list."""
+    """Save all measurements as a JSON file, or print them on standard output with -. Those of a
+    table are a list."""
 
     min_psnr: Annotated[float | None, Interval(gt=0, le=1e9)] = None
     """PSNR (dB) below which the exit status is 1. A transparent photo must reach it over white and
@@ -68,23 +70,31 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.cli.summary import check_table, print_check
 
     asked, output, options = CheckFiles.of(given), CheckOutput.of(given), CheckOptions.of(given)
-    pairs, lines = _pairs(asked)
-    is_one = len(pairs) == 1
-    targets = [_pictures(output, svg, is_one) for _, svg in pairs]
+    pairs, root, alone = _pairs(asked)
+    is_one = root is None
+    targets = [_pictures(output, svg, root) for _, svg in pairs]
     inputs = {photo: "the photo" for photo, _ in pairs} | {svg: "the SVG" for _, svg in pairs}
     if asked.reference is not None:
         inputs[asked.reference] = "the reference"
         if len({photo for photo, _ in pairs}) > 1:
             got = f"{len(pairs)} photos"
             raise refusal("--reference", "given with one photo", got, "one photo")
-    report = [] if output.report is None else [Path(in_folder(output.report, "check.json"))]
+    is_printed = output.report is not None and str(output.report) == STANDARD_STREAM
+    is_saved = output.report is not None and not is_printed
+    report = [Path(in_folder(output.report, "check.json"))] if is_saved else []
     pictures = [item for each in targets for item in each.items()]
+    for path in {path.parent for _, path in pictures} if root is not None else ():
+        files.make_folder(path)
     files.check_outputs(inputs, [*report, *(path for _, path in pictures)])
     for name, path in [*(("report", path) for path in report), *pictures]:
         check_ending(flag_of(name), path, (".json" if name == "report" else ".png",))
     records: list[dict[str, Any]] = []
     contents: dict[Path, bytes] = {}
-    status = 0
+    lines, status = [], 0
+    if alone:
+        more = f" and {len(alone) - 10} more" if len(alone) > 10 else ""
+        lines.append(f"without a partner of the same name: {', '.join(alone[:10])}{more}")
+        status = 1
     with counting_bar(output.quiet or is_one) as update:
         for (photo, svg), paths in zip(pairs, targets, strict=True):
             update(svg, len(records), len(pairs))
@@ -94,7 +104,7 @@ def run(given: dict[str, Any]) -> int:
                 if is_one:
                     raise
                 records.append({"photo": photo, "svg": svg, "error": str(error)})
-                lines.append(f"failed: {svg}: {error}")
+                lines.append(f"failed: {of_file(svg, str(error))}")
                 status = 2
                 continue
             records.append({"photo": photo, "svg": svg, **result.report})
@@ -112,9 +122,13 @@ def run(given: dict[str, Any]) -> int:
     reported = {k: v for k, v in records[0].items() if k not in of_files} if is_one else records
     contents |= {path: files.as_json(reported) for path in report}
     files.write_all_atomically(contents)
+    if is_printed:
+        files.write_output(files.as_json(reported))
     if is_one and not output.quiet:
         svg = pairs[0][1]
         print_check(records[0], "standard input" if svg == STANDARD_STREAM else svg)
+    elif is_printed and not output.quiet:
+        print(check_table(records), end="", file=sys.stderr)
     elif not output.quiet:
         files.write_output(check_table(records).encode())
     for line in lines:
@@ -122,17 +136,30 @@ def run(given: dict[str, Any]) -> int:
     return status
 
 
-def _pairs(asked: CheckFiles) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return (photo, SVG) for each comparison, and a line that names files without a partner.
+class _Pairs(NamedTuple):
+    """The comparisons of a check.
 
-    Raise InputError if there is no comparison.
+    pairs  (photo, SVG) for each comparison
+    root   folder in which all SVGs of a table are, or None if one SVG was given for one photo
+    alone  photos and SVGs in folders that have no partner
     """
+
+    pairs: list[tuple[str, str]]
+    root: str | None
+    alone: list[str]
+
+
+def _pairs(asked: CheckFiles) -> _Pairs:
+    """Return the comparisons. Raise InputError if there is none."""
     photos, svgs = expanded([asked.photo]), expanded(asked.svg)
     photo = photos[0]
     if os.path.isdir(photo) and len(photos) == 1:
         from gauss2svg.batch.inputs import photos_of
 
         folder = svgs[0] if svgs else photo
+        if not os.path.isdir(folder):
+            got = f"{folder}, which {'is a file' if os.path.exists(folder) else 'does not exist'}"
+            raise refusal("what follows a folder of photos", "the folder of their SVGs", got)
         names = [(path, os.path.join(folder, name)) for path, name in photos_of([photo])]
         pairs = [(p, n + end) for p, n in names for end in SVG_ENDINGS if os.path.isfile(n + end)]
         svg_files = [
@@ -144,9 +171,7 @@ def _pairs(asked: CheckFiles) -> tuple[list[tuple[str, str]], list[str]]:
             got = brief(", ".join(svgs[1:])) if pairs else f"none in {folder}"
             advice = command_line(["gauss2svg", "batch", photo, "-o", folder])
             raise refusal("SVGs", "in a folder and have the names of the photos", got, advice)
-        more = f" and {len(alone) - 10} more" if len(alone) > 10 else ""
-        line = f"without a partner of the same name: {', '.join(alone[:10])}{more}"
-        return pairs, [line] * bool(alone)
+        return _Pairs(pairs, folder, alone)
     if not svgs:
         raise refusal("SVG", "given", "none", "gauss2svg check --help")
     if len(photos) != 1 or [photo, *svgs].count(STANDARD_STREAM) > 1:
@@ -157,29 +182,39 @@ def _pairs(asked: CheckFiles) -> tuple[list[tuple[str, str]], list[str]]:
             advice = command_line(["gauss2svg", "check", pictures[0], photo])
             raise refusal("the photo", "before the SVG", photo, advice)
         raise refusal("every file after the photo", "an SVG", pictures[0])
-    return [(photo, svg) for svg in svgs], []
+    folders = {os.path.dirname(os.path.abspath(svg)) for svg in svgs}
+    root = os.path.commonpath(folders) if len(svgs) > 1 else None
+    return _Pairs([(photo, svg) for svg in svgs], root, [])
 
 
-def _pictures(output: CheckOutput, svg: str, is_one: bool) -> dict[str, Path]:
-    """Return {option: path} for the pictures that are saved of an SVG."""
+def _pictures(output: CheckOutput, svg: str, root: str | None) -> dict[str, Path]:
+    """Return {option: path} for the pictures that are saved of an SVG.
+
+    root  folder in which all SVGs of a table are. The pictures of an SVG in a subfolder are in a
+          subfolder of the same name.
+    """
     given = {"heatmap": output.heatmap, "preview": output.preview}
-    for name, path in given.items():
-        if path is not None and not is_one and not path.is_dir():
-            needed = "a folder that exists, for several SVGs"
-            raise refusal(flag_of(name), needed, str(path), "creating it first")
     stem = "svg" if svg == STANDARD_STREAM else Path(svg).stem
-    return {
-        name: Path(in_folder(path, f"{stem}-{name}.png"))
-        for name, path in given.items()
-        if path is not None
-    }
+    pictures = {}
+    for name, path in given.items():
+        if path is None:
+            continue
+        file = f"{stem}-{name}.png"
+        if root is None:
+            pictures[name] = Path(in_folder(path, file))
+            continue
+        if not path.is_dir() and (path.exists() or path.suffix.lower() == ".png"):
+            raise refusal(flag_of(name), "a folder, for several SVGs", str(path), f"{path.stem}/")
+        subfolder = os.path.dirname(os.path.relpath(os.path.abspath(svg), os.path.abspath(root)))
+        pictures[name] = path / subfolder / file
+    return pictures
 
 
 def _result(photo: str, svg: str, reference: str | None, options: CheckOptions) -> "CheckResult":
     from gauss2svg.measure.check import check
 
     return check(
-        files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo,
+        files.read_input() if photo == STANDARD_STREAM else photo,
         files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else Path(svg),
         reference=reference,
         **dataclasses.asdict(options),

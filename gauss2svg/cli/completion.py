@@ -9,6 +9,7 @@ except ImportError as error:
 
 from gauss2svg.cli.main import COMMANDS, command_of
 from gauss2svg.cli.parser import Parser
+from gauss2svg.cli.terminal import drop_output
 from gauss2svg.options import fields_of
 
 
@@ -40,4 +41,7 @@ def _completed(part: Parser) -> Parser:
 if __name__ == "__main__":
     own = ArgumentParser("python -m gauss2svg.cli.completion", description=__doc__)
     own.add_argument("shell", choices=("bash", "zsh", "fish"))
-    print(completion(own.parse_args().shell))
+    try:
+        print(completion(own.parse_args().shell), flush=True)
+    except BrokenPipeError:  # the reader of a pipe, such as head, has ended
+        drop_output()

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.compare.pages import GalleryOptions
-from gauss2svg.errors import refusal
+from gauss2svg.errors import of_file, refusal
 from gauss2svg.files import check_folder
 from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.options import Field, OptionGroup, file_path
@@ -90,8 +90,8 @@ def run(given: dict[str, Any]) -> int:
     if gallery.absent:
         say(f"skipped, not installed: {', '.join(gallery.absent)}")
     for failure in gallery.failures:
-        variant = f", {failure['variant']}" if failure["variant"] else ""
-        say(f"failed: {failure['photo']}{variant}: {failure['error']}")
+        photo, variant, error = (failure[key] for key in ("photo", "variant", "error"))
+        say(f"failed: {f'{photo}, {variant}: {error}' if variant else of_file(photo, error)}")
     if not command.quiet:
         count = len(gallery.rows)
         kept = f", {gallery.kept} of them kept from before" if gallery.kept else ""

@@ -69,6 +69,9 @@ def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
     if not name:
         lines = "\n".join(f"{command:13}{line}" for command, (line, _) in COMMANDS.items())
         parser.add_argument_group("Commands, each with its own --help", lines)
+    if "--help-all" in words:
+        line = "python -m gauss2svg.cli.completion bash, zsh or fish prints it. It needs shtab."
+        parser.add_argument_group("Completion of a shell", line)
     about = parser.add_argument_group("About")
     about.add_argument("-h", "--help", action="store_true", help="Show this help.")
     if not name:
@@ -83,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     0    success
     1    some runs of a benchmark, batch, gallery or placeholder command failed, or a check found a
-         PSNR below --min-psnr
+         PSNR below --min-psnr, or a photo or SVG without a partner in folders
     2    an error, printed as one line on standard error
     130  ended by Ctrl-C, even if the best result so far was written
     143  ended by SIGTERM or Ctrl-Break, even if the best result so far was written
@@ -118,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except KeyboardInterrupt as interrupt:
-        say("interrupted; every file is whole or untouched")
+        say(str(interrupt) or "interrupted; every file is whole or untouched")
         return status_of(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
 
 

@@ -82,8 +82,8 @@ def print_check(report: dict[str, Any], svg: str) -> None:
         "transparency": _transparency(r),
         "scores": _scores(r),
         "errors": f"at most {r['largest_error_svg']:.0f} of 255 levels in any colour channel, "
-        f"{r['bias_svg']:+.2f} levels on average; hue off by at most {r['hue_error_svg']:.1f}, "
-        f"at {', '.join(map(str, r['hue_error_at']))}",
+        f"{r['bias_svg']:+.2f} levels on average; hue off by at most "
+        f"{_hue_error(r, '.1f')}, which one sees from {_SEEN_HUE}",
     }
     _print_table(rows, [], r["notes"])
 
@@ -123,8 +123,8 @@ def _enlarged(report: dict[str, Any]) -> str:
 
 
 def _match(report: dict[str, Any], scale: str = "") -> str:
-    score, ssim = decibels(report["psnr_svg"]), _ssim(report["ssim_svg"])
-    return f"PSNR {score}{scale}, SSIM {ssim}"
+    psnr, ssim = report["psnr_svg"], _ssim(report["ssim_svg"])
+    return f"PSNR {decibels(psnr)}{'' if psnr is None else scale}, SSIM {ssim}"
 
 
 def _hue(report: dict[str, Any]) -> str:
@@ -132,9 +132,14 @@ def _hue(report: dict[str, Any]) -> str:
 
     The text is "" too for a picture in inks, whose hues are those of the inks.
     """
-    error, (x, y) = report["hue_error_svg"], report["hue_error_at"]
-    is_named = error >= _SEEN_HUE and report["inks"] is None
-    return f", hue off by {error:.0f} at {x}, {y}" if is_named else ""
+    is_named = report["hue_error_svg"] >= _SEEN_HUE and report["inks"] is None
+    return f", hue off by {_hue_error(report, '.0f')}" if is_named else ""
+
+
+def _hue_error(report: dict[str, Any], form: str) -> str:
+    """Return the largest local error of hue as text, with its unit and its place."""
+    x, y = report["hue_error_at"]
+    return f"{report['hue_error_svg']:{form}} units of CIELAB at x = {x}, y = {y} px"
 
 
 def _size(report: dict[str, Any]) -> str:

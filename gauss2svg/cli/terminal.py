@@ -215,16 +215,16 @@ def counting_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
 
     quiet  whether to show nothing
     """
-    from gauss2svg.pipeline.progress_display import terminal_bar
+    from gauss2svg.pipeline.progress_display import counted, terminal_bar
 
     last_line_at = time.monotonic()
     with nullcontext() if quiet else terminal_bar("reading the photos") as show:
 
         def update(now: str, done: int, total: int) -> None:
             nonlocal last_line_at
-            line = f"{done:,} of {total:,}: {now}"
+            line, share = counted(now, done, total)
             if show is not None:
-                show(line, done / max(total, 1))
+                show(line, share)
             elif not quiet and time.monotonic() - last_line_at >= 60:
                 # A run of one night writes only hundreds of lines.
                 last_line_at = time.monotonic()

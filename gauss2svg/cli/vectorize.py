@@ -68,7 +68,7 @@ class OutputFiles(OptionGroup):
     """Save the rasterised SVG as a PNG file."""
 
     report: Annotated[Path | None, file_path] = None
-    """Save all measurements of the run as a JSON file."""
+    """Save all measurements of the run as a JSON file, or print them on standard output with -."""
 
     outline: Annotated[Path | None, file_path] = None
     """Save the outlines of the shapes as a second SVG file."""
@@ -112,8 +112,16 @@ class Files(Plotter, PlatesAndPens, OutputFiles, InputFiles):
 
     @property
     def outputs(self) -> dict[str, Path]:
-        """The output files that are given, by their options."""
-        return {name: path for name in _ENDINGS if (path := getattr(self, name)) is not None}
+        """The output files that are given, by their options, without a report that is printed."""
+        given = {name: path for name in _ENDINGS if (path := getattr(self, name)) is not None}
+        if self.prints_report:
+            given.pop("report")
+        return given
+
+    @property
+    def prints_report(self) -> bool:
+        """Whether the report is printed on standard output."""
+        return str(self.report) == STANDARD_STREAM
 
     def in_folders(self, stem: str) -> "Files":
         """Return the options with a file in place of each output that is a folder.
@@ -224,6 +232,8 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
     """
     from gauss2svg.svg.file import is_svgz
 
+    if extras.prints_report and output == STANDARD_STREAM:
+        raise refusal("--report", "a file if -o is standard output", "-", "--report report.json")
     for name, rule, advice in _exclusions(options, extras):
         raise InputError(f"{name} must {rule}. Try {advice}")
     if extras.cut:
@@ -273,8 +283,8 @@ def _result(
     from gauss2svg.pipeline.run import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
-    source = files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
-    if output == STANDARD_STREAM:
+    source = files.read_input() if photo == STANDARD_STREAM else photo
+    if output == STANDARD_STREAM or extras.prints_report:
         # If standard output is closed, this raises an error now and not only after the fit.
         files.standard_stream(sys.stdout, "output")
     started = _PROGRAM_START_S if options.goal.time_limit is not None else None
@@ -320,10 +330,12 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
     makers = {
         extras.preview: lambda: files.as_png(result.raster),
         extras.save_scene: lambda: files.saved(result.scene.save),
-        extras.report: lambda: files.as_json(result.report),
+        None if extras.prints_report else extras.report: lambda: files.as_json(result.report),
     }
     contents |= {path: make() for path, make in makers.items() if path is not None}
     files.write_all_atomically(contents)
+    if extras.prints_report:
+        files.write_output(files.as_json(result.report))
     is_hidden = extras.outline is not None and not (extras.quiet or extras.cut)
     if is_hidden and (hiding := result.hiding) > 0:
         yield (

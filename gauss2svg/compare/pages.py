@@ -12,20 +12,29 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
+from html import escape
 from importlib.resources import files
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Never
+from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import COUNTS, TOOL, Row
-from gauss2svg.compare.variants import Variant, entries_of, main_variant, variants_of
-from gauss2svg.errors import OutputError, on_one_line
+from gauss2svg.compare.variants import (
+    Variant,
+    entries_of,
+    main_variant,
+    refuse_keywords,
+    variants_of,
+)
+from gauss2svg.errors import OutputError, instance, on_one_line, refusal
 from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
 from gauss2svg.pipeline.budgets import memory_limit
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
@@ -64,6 +73,23 @@ class Gallery:
         """Path of the first page."""
         return self.directory / "index.html"
 
+    def _repr_html_(self) -> str:
+        """Return HTML with a link to the first page, and a table of the variants."""
+        keys = {"PSNR": ("median_psnr_svg", PSNR.text), "size": ("median_svg_bytes", chart.size)}
+        keys["time"] = ("median_total_s", chart.seconds)
+        heads = "".join(f"<th>{name}</th>" for name in ("", *keys))
+        rows = [
+            f"<tr><td>{escape(row['variant'])}</td>"
+            + "".join(f"<td>{text(row[key])}</td>" for key, text in keys.values())
+            for row in self.summary
+        ]
+        link = f'<a href="{escape(quote(self.index.as_posix()))}">{escape(repr(self)[1:-1])}</a>'
+        return f"{link}<table><tr>{heads}</tr>{''.join(rows)}</table>"
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.rows)} SVGs, {len(self.failures)} failed"
+        return f"<gauss2svg.Gallery {counts}, {self.index}>"
+
 
 def build_gallery(
     photos: Sequence[str | os.PathLike[str]],
@@ -75,7 +101,8 @@ def build_gallery(
     axes: Mapping[str, Sequence[Any]] | None = None,
     options: GalleryOptions | None = None,
     command: str | None = None,
-    progress: Callable[[GalleryProgress], None] | None = None,
+    progress: Callable[[GalleryProgress], None] | bool | None = None,
+    **unknown: Never,
 ) -> Gallery:
     """Vectorise photos in several variants, and write web pages that compare them.
 
@@ -90,19 +117,31 @@ def build_gallery(
                high are compared.
     options    all other options, such as GalleryOptions(jobs=2, title="Flowers")
     command    command line that the pages show
-    progress   called with a GalleryProgress when a step begins or ends
+    progress   function that is called with a GalleryProgress when a step begins or ends. True shows
+               a bar on a terminal or in a notebook
 
     A finished SVG is kept. It is made again only if the bytes of the photo, the settings, the code
     of this package, the renderer or the packages that compute scores have changed. An interruption
     loses only the SVGs that are not finished. If a photo cannot be read, the first page lists the
     failure, and the other photos are still compared. The pages need neither a server nor a network.
     Raise InputError for bad arguments. Raise OutputError if the folder cannot be written, or if it
-    has other files with the names of the pages.
+    has other files with the names of the pages. Raise TypeError for an unknown keyword.
     """
+    refuse_keywords(unknown, "build_gallery", GalleryOptions)
+    if progress is True:
+        with counting() as update:
+            return build_gallery(
+                photos, directory, variants=variants, counts=counts, peers=peers, axes=axes,
+                options=options, command=command,
+                progress=lambda state: update("; ".join(state.now), state.done, state.total),
+            )  # fmt: skip
+    report = None if progress is False else progress
+    if report is not None and not callable(report):
+        raise refusal("progress", "a function", type(report).__name__)
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers, axes)
     entries = {variant: entries_of(variant.files, listed) for variant in chosen}
-    options = options or GalleryOptions()
+    options = instance(options, "options", GalleryOptions)
     jobs, size, seed = options.jobs, options.photo_size, options.seed
     # If no number of threads is given, the processes share the cores.
     threads = thread_count(options.threads) // (jobs if options.threads is None else 1) or 1
@@ -134,7 +173,7 @@ def build_gallery(
         return Task(photo, variant, parameters, dependencies, columns, file)
 
     plan = {task_of(photo): [task_of(photo, variant) for variant in chosen] for photo in listed}
-    grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], progress)
+    grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], report)
 
     def write() -> Gallery:
         call = f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
@@ -224,6 +263,17 @@ def write_pages(
         for row in rows
         if row["tool"] != TOOL and row["tool_version"]
     }
+    reasons = Counter(
+        line
+        for result in results
+        for line in dict.fromkeys(
+            line for svg in result["svgs"] for line in svg["report"].get("scores_missing", ())
+        )
+    )
+    unmeasured = [
+        line if count == len(results) else f"{line} ({count} of {len(results)} photos)"
+        for line, count in reasons.items()
+    ]
     origins = Counter(
         (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
         for row in rows
@@ -233,7 +283,7 @@ def write_pages(
         **document,
         "variants": variants, "main": main_variant(variants), "results": results,
         "reports": reports, "scores": scores, "parts": parts, "explained": ON_REQUEST,
-        "costs": chart.COSTS,
+        "costs": chart.COSTS, "unmeasured": unmeasured,
         "chart_of": partial(chart_of, results, variants), "versions": sorted(versions),
         "origins": origins, "heatmap": heatmap, "files": run,
     }  # fmt: skip
@@ -314,16 +364,39 @@ def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
     return summary
 
 
+def _other_settings(variants: Sequence[Variant]) -> dict[Variant, tuple[Any, ...]]:
+    """Return what the variants of a line in charts have in common, for each variant of gauss2svg.
+
+    This is the names of their options, and the values of all of these but one. The option that
+    varies along the line is the one with the most values, or a number if several have as many.
+    """
+    own = [variant for variant in variants if variant.is_own]
+    counts = Counter(name for name, _ in {s for variant in own for s in variant.settings})
+
+    def others(settings: tuple[tuple[str, Any], ...]) -> tuple[Any, ...]:
+        varied = max(settings, key=lambda s: (counts[s[0]], isinstance(s[1], (int, float))))[0]
+        return tuple((name, None if name == varied else value) for name, value in settings)
+
+    return {variant: others(variant.settings) for variant in own}
+
+
 def chart_of(
     results: Sequence[Row], variants: Sequence[Variant], axis: Score, cost: chart.Cost
 ) -> dict[str, Any] | None:
-    """Return the chart of a score over a cost. Each point links to the page of its photo."""
+    """Return the chart of a score over a cost. Each point links to the page of its photo.
+
+    A line joins the SVGs of a photo whose variants differ in a single option.
+    """
+    shared = _other_settings(variants)
+    lines: dict[Any, int] = {}  # index of each line
     points = [
         {
             "cost": svg["report"][cost.key],
             "score": score,
             "series": variants.index(svg["variant"]),
-            "group": index if svg["variant"].is_own else None,
+            "group": lines.setdefault((index, shared[svg["variant"]]), len(lines))
+            if svg["variant"].is_own
+            else None,
             "text": f"{svg['title']}: {axis.text(score)}, {cost.text(svg['report'][cost.key])}",
             "href": f"{svg['row']['page']}#{svg['variant'].slug}",
         }

@@ -15,7 +15,7 @@ import platform
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Never
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import BenchOptions
@@ -23,7 +23,13 @@ from gauss2svg.compare.chart import Cost, machine_text, scatter, template_enviro
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import COUNTS, TOOL, Row
 from gauss2svg.compare.run import measure_alone
-from gauss2svg.compare.variants import Variant, entries_of, peer_variants, settings_of
+from gauss2svg.compare.variants import (
+    Variant,
+    entries_of,
+    peer_variants,
+    refuse_keywords,
+    settings_of,
+)
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import PSNR, SCORES, Score
@@ -165,6 +171,7 @@ def run_bench(
     peers: Iterable[str] = (),
     options: BenchOptions = BenchOptions(),
     progress: Callable[[Progress], None] | None = None,
+    **unknown: Never,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process. Return the rows.
 
@@ -183,8 +190,9 @@ def run_bench(
     same call continues an interrupted benchmark. A row without an error is kept if its photo, its
     settings and the code have not changed. If a run fails, its row has an "error". Raise InputError
     for bad arguments and photos, and OutputError if the folder cannot be written, both before the
-    first run.
+    first run. Raise TypeError for an unknown keyword.
     """
+    refuse_keywords(unknown, "run_bench", BenchOptions)
     seed, scale = options.seed, options.reference_scale
     thread_count(options.threads)
     others, absent = peer_variants(peers)

@@ -26,13 +26,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gauss2svg.batch.inputs import ListedPhoto, local_photos
+from gauss2svg.batch.many import text_of_cell
 from gauss2svg.batch.stores import TABLE
 from gauss2svg.compare.records import COUNTS, FILE_KEYS, PEERS, TOOL
 from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
 from gauss2svg.files import reading, text_of
 from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.measure import SCORES
-from gauss2svg.options import Field, fields_of
+from gauss2svg.options import Field, OptionGroup, fields_of
 from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan
@@ -40,10 +41,14 @@ from gauss2svg.version import __version__
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a CSV. Raise InputError if it cannot be read."""
+    """Return the rows of a CSV, with the text of each cell. Raise InputError if it cannot be read.
+
+    A cell that a row lacks is "". A cell without a column is left out.
+    """
     with reading(path, "a CSV file") as file:
         text = text_of(file.read(), str(path))
-    return list(csv.DictReader(io.StringIO(text)))
+    rows = csv.DictReader(io.StringIO(text))
+    return [{k: text_of_cell(v or "") for k, v in row.items() if k is not None} for row in rows]
 
 
 def photos_and_peers(
@@ -65,6 +70,11 @@ def photos_and_peers(
     return local_photos(sources) if sources else photos, [f"batch={batch}"]
 
 
+# Names of a report whose values are numbers, which a CSV may have as columns.
+_NUMBERS = [*(score.key for score in SCORES), *FILE_KEYS, *COUNTS]
+_NUMBERS.remove("renderer")
+
+
 def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, dict[str, Any]]:
     """Return what a method has of each photo: its file, the SHA-256 of that, and its numbers.
 
@@ -74,17 +84,20 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
            photo, and `output` that of the file. If there is neither, the only row holds for all.
 
     The file is None if the folder has none, and "" for a CSV. Numbers are those of a report, by its
-    names. Raise InputError for a CSV without a column of a report.
+    names. Raise InputError for a CSV without a column of a report, and for a cell in such a column
+    that is neither a number nor empty.
     """
     if not files:
         return {}
     folder, is_table = Path(files), Path(files).is_file()
     tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
-    rows = [row for path in tables if path.is_file() for row in rows_of(path)]
+    rows: list[dict[str, str]] = []
+    for path in filter(Path.is_file, tables):
+        rows += (rows_in_table := rows_of(path))
+        _check_numbers(path, rows_in_table)
     columns = [str(name) for name in rows[0]] if rows else []
-    known = [*(score.key for score in SCORES), *FILE_KEYS, *COUNTS]
-    if is_table and set(known).isdisjoint(columns):
-        got, near = brief(", ".join(columns)), [nearest(name, known) for name in columns]
+    if is_table and set(_NUMBERS).isdisjoint(columns):
+        got, near = brief(", ".join(columns)), [nearest(name, _NUMBERS) for name in columns]
         advice = next(filter(None, near), "psnr_svg,svgz_bytes")
         raise refusal(files, "a CSV with columns of a report", got or "no row", advice)
     named = {row.get("photo") or row.get("input") or "": row for row in rows}
@@ -105,6 +118,22 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
             "numbers": _numbers_of(row),
         }
     return entries
+
+
+def _check_numbers(path: Path, rows: Iterable[Mapping[str, str]]) -> None:
+    """Raise InputError if a cell of a report's number is neither a number nor empty.
+
+    Also raise it for a table whose columns are separated by semicolons.
+    """
+    for line, row in enumerate(rows, 2):
+        if separated := next((name for name in row if ";" in name), None):
+            advice = "commas between columns, and points in numbers"
+            raise refusal(str(path), "a CSV with commas", quoted(separated), advice)
+        for name in row.keys() & set(_NUMBERS) - _numbers_of(row).keys():
+            if cell := row[name].strip():
+                point = cell.replace(",", ".", 1)
+                advice = point if _numbers_of({name: point}) else "an empty cell for no number"
+                raise refusal(f"{name} in row {line} of {path}", "a number", quoted(cell), advice)
 
 
 def _numbers_of(row: Mapping[str, str]) -> dict[str, float]:
@@ -278,6 +307,22 @@ AXES: dict[str, Field] = {
     if (key in ("goal", "fit", "densify", "svg") and field.name != "seed")
     or field.name in ("renderer", "max_size")
 }
+
+
+def refuse_keywords(unknown: Iterable[str], function: str, group: type[OptionGroup]) -> None:
+    """Raise TypeError for the first keyword that a function does not have.
+
+    If the keyword is an option, the message says how to give it.
+
+    group  class of the function's argument `options`
+    """
+    own = [field.name for field in fields_of(group)]
+    for name in unknown:
+        how = f'axes={{"{name}": [...]}}' if name in AXES else nearest(name, [*own, *AXES])
+        how = f"options={group.__name__}({name}=...)" if name in own else how
+        advice = f". Try {how}" if how else ""
+        raise TypeError(f"keyword must be one of {function}; got {quoted(name)}{advice}")
+
 
 # Settings of the benchmark if no axis is given: first the presets, and then some numbers of
 # Gaussians and of iterations with the default preset. On two cores, these runs take about a minute

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 import os
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import refusal
+from gauss2svg.files import as_png
 from gauss2svg.measure import CheckOptions, Scores, metrics
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
@@ -29,11 +31,13 @@ from gauss2svg.svg.file import (
     file_bytes,
     frame_of,
     from_root,
+    image,
     read_source,
     stretched,
 )
 from gauss2svg.svg.untrusted import Survey
 
+_MOST_SIDE = 400  # longest side (px) of the pictures that a notebook shows
 # Elements that may change what a web page shows, but do not change a raster. Browsers would draw
 # animations, so gauss2svg.raster refuses an animated file if the renderer is a browser.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
@@ -148,6 +152,16 @@ class CheckResult:
         See gauss2svg.measure.heatmap.
         """
         return heatmap(over(self.raster), over(self.photo))
+
+    def _repr_html_(self) -> str:
+        """Return HTML that shows the SVG, its errors and its scores."""
+        raster = over(self.raster)
+        share = min(1.0, _MOST_SIDE / max(raster.shape[:2]))
+        height, width = (max(1, round(share * side)) for side in raster.shape[:2])
+        small, photo = (shrunk(one, height, width) for one in (raster, over(self.photo)))
+        pictures = {"the SVG": as_png(small), "its errors": heatmap(small, photo)}
+        shown = "".join(image(png, "image/png", alt) for alt, png in pictures.items())
+        return f"{shown}<br/>{html.escape(repr(self)[1:-1])}"
 
     def __repr__(self) -> str:
         height, width = self.photo.shape[:2]

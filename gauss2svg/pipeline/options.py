@@ -221,12 +221,7 @@ class Options:
         group, the error says to which class it belongs.
         """
         for name in arguments["unknown"]:
-            if name not in OPTIONS:
-                close = nearest(name, OPTIONS)
-                got = quoted(name) + (f". Try {close}" if close else "")
-                raise TypeError(f"option must be one of vectorize or of its classes; got {got}")
-            where = f"{OPTIONS[name]}={GROUPS[OPTIONS[name]].__name__}({name}=...)"
-            raise TypeError(f"{name} belongs to {where}; got {name}=... for vectorize itself")
+            raise unknown_keyword(name, "vectorize")
         groups = {key: instance(arguments[key], key, group) for key, group in GROUPS.items()}
         goals = {field.name: arguments[field.name] for field in fields_of(Goal)}
         given = {name: value for name, value in goals.items() if value is not None}
@@ -265,6 +260,21 @@ class Options:
 GROUPS: dict[str, type[OptionGroup]] = get_type_hints(Options)
 # The name of each option, with the key of its group.
 OPTIONS = {field.name: key for key, group in GROUPS.items() for field in fields_of(group)}
+
+
+def unknown_keyword(name: str, function: str, form: str = "{}") -> TypeError:
+    """Return the error for a keyword that a function does not have.
+
+    If the keyword is an option, the message says to which class it belongs.
+
+    form  text of the argument to which a group of options belongs, with {} for the group
+    """
+    if name not in OPTIONS:
+        close = nearest(name, OPTIONS)
+        got = quoted(name) + (f". Try {close}" if close else "")
+        return TypeError(f"option must be one of {function} or of its classes; got {got}")
+    where = form.format(f"{OPTIONS[name]}={GROUPS[OPTIONS[name]].__name__}({name}=...)")
+    return TypeError(f"{name} belongs to {where}; got {name}=... for {function} itself")
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like
 from gauss2svg.scene import Scene
 from gauss2svg.svg import MINIMAL, NAMESPACE, signed
 from gauss2svg.svg.element import hex_color
+from gauss2svg.svg.file import image as html_image
 
 DEFAULT_BYTES = 1000
 # Attributes of Placeholder whose bytes may be limited.
@@ -92,6 +93,14 @@ class Placeholder:
     def data_uri_base64(self) -> str:
         """SVG as a data URI in base64, for programs that do not accept the shorter `data_uri`."""
         return f"data:{_MEDIA_TYPE};base64," + base64.b64encode(self.svg.encode()).decode()
+
+    def _repr_html_(self) -> str:
+        return html_image(self.svg.encode(), _MEDIA_TYPE, "placeholder")
+
+    def __repr__(self) -> str:
+        shapes = f"{self.areas} areas, " * bool(self.areas) + f"{self.gaussians} Gaussians"
+        size = f"{self.width}x{self.height}"
+        return f"<gauss2svg.Placeholder {size}, {shapes}, {len(self.svg.encode())} bytes>"
 
     def record(self, name: str) -> dict[str, Any]:
         """Return a dict for JSON. It has the keys of a result of SQIP, and the key `transparent`.

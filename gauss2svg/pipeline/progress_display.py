@@ -37,9 +37,28 @@ def shown() -> AbstractContextManager[ProgressCallback | None]:
 
     It yields None if there is neither a notebook nor a terminal.
     """
+    return _notebook() if _is_in_notebook() else _terminal()
+
+
+@contextmanager
+def counting() -> Iterator[Callable[[str, int, int], None]]:
+    """Show a bar of tasks in a notebook or a terminal, and yield a function that moves the bar.
+
+    The function is update(current step, finished tasks, number of tasks).
+    """
+    with _notebook_bar() if _is_in_notebook() else terminal_bar("reading the photos") as show:
+        yield lambda *state: None if show is None else show(*counted(*state))
+
+
+def counted(now: str, done: int, total: int) -> tuple[str, float]:
+    """Return a text about tasks, such as "22 of 41: a.jpg", and the share that is done."""
+    return f"{done:,} of {total:,}{f': {now}' if now else ''}", done / max(total, 1)
+
+
+def _is_in_notebook() -> bool:
     # In a notebook, IPython has been imported already. Elsewhere, it need not be installed.
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
-    return _notebook() if hasattr(shell, "kernel") else _terminal()
+    return hasattr(shell, "kernel")
 
 
 @contextmanager
@@ -142,6 +161,19 @@ class FrameMaker:
 
 
 @contextmanager
+def _notebook_bar() -> Iterator[Callable[[str, float | None], None]]:
+    """Show a bar in the output of the notebook's cell, and yield a function as `terminal_bar`."""
+    display: Any = importlib.import_module("IPython.display")
+    handle = display.display(display.HTML("starting"), display_id=True)
+    yield lambda text, share: handle.update(display.HTML(_bar(text, share)))
+
+
+def _bar(text: str, share: float | None) -> str:
+    bar = "<progress>" if share is None else f'<progress value="{share:.3f}">'
+    return f"{bar}</progress> {html.escape(text)}"
+
+
+@contextmanager
 def _notebook() -> Iterator[ProgressCallback]:
     """Yield a callback that updates the output of the notebook's cell.
 
@@ -168,8 +200,7 @@ def _notebook() -> Iterator[ProgressCallback]:
             if not frame:
                 return
             last = picture(frame, newest)
-        bar = "<progress>" if done is None else f'<progress value="{done:.3f}">'
-        handle.update(display.HTML(f"{last}<br/>{bar}</progress> {html.escape(text)}"))
+        handle.update(display.HTML(f"{last}<br/>{_bar(text, done)}"))
 
     try:
         yield update

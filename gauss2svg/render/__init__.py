@@ -92,11 +92,20 @@ def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[in
         "output width": round(scene.width) if width is None else width,
         "output height": round(scene.height) if height is None else height,
     }
-    across, down = (Field(name, int, 1, MOST_PIXELS).checked(px) for name, px in sizes.items())
+    across, down = (side_of(name, px) for name, px in sizes.items())
     if across * down > MOST_PIXELS:
         needed, advice = f"at most {MOST_PIXELS} px", "to render it smaller"
         raise refusal("output size", needed, f"{across}x{down}", advice)
     return across, down
+
+
+def side_of(name: str, px: float) -> int:
+    """Return the width or height of a render in px, which may be a float that is whole.
+
+    Raise InputError if it is not a whole number of at least 1 px.
+    """
+    whole = int(px) if isinstance(px, float) and px.is_integer() else px
+    return Field(name, int, 1, MOST_PIXELS).checked(whole)
 
 
 MOST_SIDE = 768  # the longer side of a frame is at most this number of px

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import refusal
+from gauss2svg.render import side_of
 from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar, splats_from
 from gauss2svg.render.reference import shapes_of, torch
 from gauss2svg.scene import whitening_of
@@ -29,7 +31,7 @@ def torch_loss(
     """Return a loss for FitOptions.loss, which returns its gradient too.
 
     function  differentiable function of the render and the target, both tensors (h, w, 3) in 0..1,
-              that returns a scalar >= 0
+              that returns a scalar >= 0. The loss raises InputError if it does not
     """
 
     def loss(
@@ -37,6 +39,12 @@ def torch_loss(
     ) -> tuple[float, torch.Tensor]:
         image = torch.from_numpy(render).requires_grad_()
         value = function(image, torch.from_numpy(target))
+        if not isinstance(value, torch.Tensor) or value.numel() != 1 or not value.requires_grad:
+            shape = tuple(getattr(value, "shape", ()))
+            got = f"a tensor of shape {shape}" if shape else f"a {type(value).__name__}"
+            got += " without a gradient" * (not getattr(value, "requires_grad", False))
+            needed, advice = "a scalar that depends on the render", ".mean(), without .detach()"
+            raise refusal("loss", needed, got, advice)
         return value.item(), torch.autograd.grad(value, image)[0]
 
     loss.__name__ = getattr(function, "__name__", "loss")
@@ -156,7 +164,8 @@ def fast_composite(
     with beta < 1 stays finite at the mean. Raise InputError for values outside the domain
     (gauss2svg.render.reference.shapes_of).
     """
-    shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
+    height, width = side_of("height", height), side_of("width", width)
+    shapes = shapes_of(mean, sigma, rho, color, background, (height, width), opacity, beta)
     return _rendered(shapes, height, width, additive=False)
 
 
@@ -173,16 +182,14 @@ def fast_accumulate(
 
     `fast_composite` describes the tensors, the gradients and the errors.
     """
-    shapes = shapes_of(mean, sigma, rho, color, background)
+    height, width = side_of("height", height), side_of("width", width)
+    shapes = shapes_of(mean, sigma, rho, color, background, (height, width))
     return _rendered(shapes, height, width, additive=True)
 
 
 def _rendered(
     shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
 ) -> torch.Tensor:
-    *others, background, beta = shapes
-    if background.ndim > 1:  # the kernels would read beyond the end of a smaller picture
-        background = background.expand(height, width, 3)
-    image = _FastRender.apply(*others, background, beta, height, width, additive)
+    image = _FastRender.apply(*shapes, height, width, additive)
     assert isinstance(image, torch.Tensor)
     return image

@@ -20,7 +20,7 @@ from collections.abc import Collection
 import numpy as np
 
 from gauss2svg.errors import refusal
-from gauss2svg.render import TorchMissingError, output_size
+from gauss2svg.render import TorchMissingError, output_size, side_of
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene import ABOVE, ADD, MOST_SIGNED, PLAIN, Scene, whitening_of
 from gauss2svg.scene.falloff import CUT, RIM, coverage, covered_radius
@@ -55,7 +55,8 @@ def composite(
     Gaussians. All tensors must have the same dtype and device, which are also those of the image.
     Raise InputError for values outside the domain (see shapes_of).
     """
-    shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
+    height, width = side_of("height", height), side_of("width", width)
+    shapes = shapes_of(mean, sigma, rho, color, background, (height, width), opacity, beta)
     return _blended(shapes, height, width, additive=False)
 
 
@@ -73,7 +74,8 @@ def accumulate(
     The order of the Gaussians does not matter. Colours (n, 3) are signed. Otherwise the arguments,
     dtypes, devices and errors are as in `composite`.
     """
-    shapes = shapes_of(mean, sigma, rho, color, background)
+    height, width = side_of("height", height), side_of("width", width)
+    shapes = shapes_of(mean, sigma, rho, color, background, (height, width))
     return _blended(shapes, height, width, additive=True)
 
 
@@ -185,15 +187,18 @@ def shapes_of(
     rho: torch.Tensor,
     color: torch.Tensor,
     background: torch.Tensor,
+    size: tuple[int, int],
     opacity: torch.Tensor | None = None,
     beta: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, ...]:
     """Check the tensors, and return mean, sigma, rho, color, opacity, background and beta.
 
-    If opacity or beta is None, it becomes 1 for all shapes. Raise InputError if an element is not
-    finite or is outside the domain of its parameter. The domains are those of
-    gauss2svg.scene.scene.Scene, except that colours may be signed with both blends, and that |rho|
-    may be up to the largest number of its dtype that is below 1.
+    size  height and width of the image, which a picture as the background must have
+
+    If opacity or beta is None, it becomes 1 for all shapes. Raise InputError if a tensor has a
+    wrong shape, and if an element is not finite or is outside the domain of its parameter. The
+    domains are those of gauss2svg.scene.scene.Scene, except that colours may be signed with both
+    blends, and that |rho| may be up to the largest number of its dtype that is below 1.
     """
     opacity = torch.ones_like(rho) if opacity is None else opacity
     beta = torch.ones_like(rho) if beta is None else beta
@@ -202,6 +207,11 @@ def shapes_of(
         "background": background, "beta": beta,
     }  # fmt: skip
     for name, tensor in shapes.items():
+        wide = {"mean": (2,), "sigma": (2,), "color": (3,)}.get(name, ())
+        allowed = [(3,), (*size, 3)] if name == "background" else [(len(mean), *wide)]
+        if tuple(tensor.shape) not in allowed:
+            needed = f"of shape {' or '.join(map(str, allowed))}"
+            raise refusal(name, needed, str(tuple(tensor.shape)))
         _check_domain(name, tensor)
     return tuple(shapes.values())
 

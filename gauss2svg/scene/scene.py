@@ -139,10 +139,11 @@ class Parameter:
         bad = ~((array >= low) & (array <= high)) | (whole & (array != np.rint(array)))
         if bad.any():
             at = tuple(int(i) for i in np.argwhere(bad)[0])
+            advice = "to replace NaN and masked values" if np.isnan(array[at]) else self.advice
             raise SceneError(
                 f"scene {self.name}{list(at) or ''} must be finite{' and whole' * whole} and in "
                 f"{low:.16g}..{high:.16g}{' in an additive scene' * (blend == ADD)}; got "
-                f"{array[at]!s}. Try {self.advice}"
+                f"{array[at]!s}. Try {advice}"
             )
         array = array.astype(self.dtype, copy=False)
         array.flags.writeable = False
@@ -502,10 +503,12 @@ class Scene:
                 raise ValueError(f"one with other fields: {', '.join(sorted(others))}")
             values["areas"] = areas_from_json(values.get("areas", "[]"))
         except Exception as error:
-            # NumPy, zipfile and zlib raise errors of many classes, so all classes are caught.
+            # NumPy, zipfile and zlib raise errors of many classes, so all classes are caught. For a
+            # file of any other format, NumPy advises to unpickle it, which would run its code.
+            got = "another format" if "allow_pickle" in str(error) else brief(error)
             raise InputError(
                 f"scene file must be one written by Scene.save, in version {_FORMAT_VERSION}; got "
-                f"{brief(error)}. Try to fit the photo again, and to save its scene"
+                f"{got}. Try to fit the photo again, and to save its scene"
             ) from error
         return cls(**values)
 

@@ -556,5 +556,11 @@ def _with(kinds: frozenset[str], kind: str) -> frozenset[str]:
 
 
 def _brief(value: str) -> str:
-    """Return a value for a remark: on one line, and without the arguments of functions."""
-    return " ".join(re.sub(r"\(.*", "(...)", value[:200], flags=re.DOTALL).split())[:40]
+    """Return a value for a remark: on one line, and without the arguments of functions.
+
+    An argument that is NaN or infinite stays, because it is the fault.
+    """
+    value = value[:200]
+    fault = re.search(r"\b(?:nan|inf|infinity)\b", value, re.IGNORECASE)
+    arguments = f"({fault[0]} ...)" if fault else "(...)"
+    return " ".join(re.sub(r"\(.*", arguments, value, flags=re.DOTALL).split())[:40]

@@ -15,6 +15,7 @@ from gauss2svg.batch.many import Summary, vectorize_many, write_table
 from gauss2svg.batch.stores import MARKS, PARTS, STATE, TABLE, prepare, write
 from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.cli.main import main
+from gauss2svg.compare.variants import rows_of
 from gauss2svg.errors import ClusterError, OutputError
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline import budgets
@@ -251,18 +252,25 @@ def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatc
     summary = Summary()
     for given in ({}, {"error": "x"}, {"skipped": True}):
         summary.add(PhotoRecord("a.png", "a.svg", **given))
-    assert summary.progress_text(13) == "0.2 photos/s, 1 failed, 0:00:50 left"
+    assert summary.progress_text(13) == "5 s a photo, 1 failed, 0:00:50 left"
     monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=lambda: 5.0))
     assert list(Summary().lines()) == ["0 done, 0 skipped, 0 failed in 0.0 s: 0 photos a second"]
 
 
 def test_no_cell_of_a_table_begins_a_formula_and_every_name_is_unicode(tmp_path):
-    texts = ["=1+1", "+1", "-1", "@a", "\tx", "\rx", "a=1", "'a", "\udcffü"]
+    texts = ["=1+1", "+1", "-1", "@a", "\tx", "\rx", "'=1", "a=1", "'a", "\udcffü"]
     (tmp_path / PARTS).mkdir(parents=True)
     write_table(str(tmp_path), [PhotoRecord(text, text, psnr_svg=-1.5) for text in texts])
     table = rows(tmp_path)
-    assert table.keys() == {*(f"'{text}" for text in texts[:6]), "a=1", "'a", "\\udcffü"}
+    assert table.keys() == {*(f"'{text}" for text in texts[:7]), "a=1", "'a", "\\udcffü"}
     assert table["a=1"]["psnr_svg"] == "-1.5"  # a number stays one
+    texts[-1] = "\\udcffü"
+    assert [row["input"] for row in rows_of(tmp_path / TABLE)] == texts
+    parquet = pytest.importorskip("pyarrow.parquet").read_table(tmp_path / STATE / "table.parquet")
+    assert parquet.column("input").to_pylist() == texts
+    columns = json.loads(parquet.schema.metadata[b"pandas"])["columns"]
+    kinds = {column["name"]: column["numpy_type"] for column in columns}
+    assert (kinds["width"], kinds["psnr_svg"], kinds["skipped"]) == ("Int64", "float64", "bool")
 
 
 def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp_path):

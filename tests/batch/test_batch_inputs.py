@@ -113,7 +113,7 @@ def test_names_that_differ_by_case_are_one_where_the_disk_folds_it(tmp_path, mon
     [
         ("empty -o out", "photos must be one or more; got none in empty. Try"),
         ("gone.txt -o out", "cannot read gone.txt: No such file or directory. Try"),
-        ("in in2 -o out", "a.png, which would both write a.svg. Try"),
+        ("in in2 -o out", "a.png, which would both write a.svg. Try gauss2svg batch . -o out"),
         pytest.param(
             "in/*/../../x.png -o out", "output must be in the output folder and outside ",
             marks=pytest.mark.posix,  # Windows reads this as the name of a file

@@ -91,7 +91,8 @@ OFF = {"hue_error_svg": 12.6, "hue_error_at": [372, 311], "ssim_svg": 0.9}
         ({**HEAVY, "markup": "editable"}, "less with fewer shapes"),
         ({**FULL, "count_gzipped": True}, "9,000 gzipped bytes; one more would not fit"),
         ({"size": "responsive"}, "64x48 px, shown as wide as its place, "),
-        (OFF, "SSIM 0.900, hue off by 13 at 372, 311\n"),
+        (OFF, "SSIM 0.900, hue off by 13 units of CIELAB at x = 372, y = 311 px\n"),
+        ({"psnr_svg": None}, "PSNR equal, SSIM"),
         ({**OFF, "hue_error_svg": 9.9}, "SSIM 0.900\n"),
         ({**OFF, "inks": "#000,#fff"}, "SSIM 0.900\n"),
     ],
@@ -118,6 +119,10 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
     assert (done.returncode, done.stderr) == (0, b"")
     assert main([str(picture), "-o", str(tmp_path / "o.svg"), *QUICK, "--quiet"]) == 0
     assert (tmp_path / "o.svg").read_bytes() == done.stdout
+    done = run(
+        "-", "-o", str(tmp_path / "o.svg"), *QUICK, "--report", "-", input=picture.read_bytes()
+    )
+    assert json.loads(done.stdout)["svg_bytes"] == (tmp_path / "o.svg").stat().st_size
 
 
 MISTAKES = [
@@ -136,7 +141,9 @@ MISTAKES = [
     ("check a.svg b.svg PHOTO", "the photo must be before the SVG; got a.svg. Try"),
     ("check PHOTO PHOTO", "every file after the photo must be an SVG; got"),
     ("check FOLDER", "SVGs must be in a folder and have the names of the photos; got none"),
-    ("check PHOTO a.svg b.svg --heatmap h.png", "--heatmap must be a folder that exists"),
+    ("check PHOTO a.svg b.svg --heatmap h.png", "--heatmap must be a folder, for several SVGs"),
+    ("check FOLDER nofolder", "got nofolder, which does not exist"),
+    ("PHOTO -o - --report -", "--report must be a file if -o is standard output; got -"),
     ("check PHOTO a.svg --report OUT", "--report must be a name that ends in .json"),
     ("studio a b", "b must be left out; got a file too many. Try gauss2svg studio"),
     ("PHOTO -o PHOTO", "which is also the photo"),
@@ -254,12 +261,25 @@ def test_check_prints_a_table_of_several_svgs(picture, tmp_path, capfd, drawn_he
     assert main(["check", str(picture), str(tmp_path / "bad.svg"), more, *between]) == 2
     assert "failed: " in capfd.readouterr().err
     picture.with_suffix(".svg").write_bytes((tmp_path / "few.svg").read_bytes())
-    assert main(["check", f"{tmp_path}/."]) == 0
-    line = capfd.readouterr().err.splitlines()[-1]
+    assert main(["check", f"{tmp_path}/."]) == 1
+    out, err = capfd.readouterr()
+    line = err.splitlines()[-1]
+    assert out.count("\n") == 2  # one SVG is a table too
     assert line.startswith("gauss2svg: without a partner of the same name: ")
     alone = [os.path.basename(name) for name in line.rpartition(": ")[2].split(", ")]
     heatmaps = ["few-heatmap.png", "more-heatmap.png"]
     assert alone == [*heatmaps, "bad.svg", "few.svg", "more.svg"]
+    heat = tmp_path / "heat"
+    for name in ("a/c", "b/c"):
+        (tmp_path / "two" / name).parent.mkdir(parents=True)
+        (tmp_path / "two" / f"{name}.png").write_bytes(picture.read_bytes())
+        (tmp_path / "two" / f"{name}.svg").write_bytes((tmp_path / "few.svg").read_bytes())
+    assert main(["check", f"{tmp_path}/two", "--heatmap", str(heat), "--report", "-"]) == 0
+    out, err = capfd.readouterr()
+    assert [record["psnr_svg"] for record in json.loads(out)] == psnrs[:1] * 2
+    assert "c.svg" in err
+    found = sorted(path.relative_to(heat).as_posix() for path in heat.rglob("*.png"))
+    assert found == ["a/c-heatmap.png", "b/c-heatmap.png"]
     exact = json.loads(report.read_text())[0] | {"psnr_svg": None}
     assert check_table([exact]).splitlines()[1].split()[4] == "equal"
 

@@ -14,12 +14,18 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.batch.inputs import listed_photos, slug_of
-from gauss2svg.compare import chart
+from gauss2svg.compare import chart, pages
 from gauss2svg.compare.grid import add_row, rows_in
 from gauss2svg.compare.records import TOOL
 from gauss2svg.compare.run import crops_of
 from gauss2svg.compare.table import below, plots_of
-from gauss2svg.compare.variants import apply_constants, options_in, parse_axes, settings_of
+from gauss2svg.compare.variants import (
+    apply_constants,
+    options_in,
+    parse_axes,
+    settings_of,
+    variants_of,
+)
 from gauss2svg.errors import InputError
 from gauss2svg.measure import PSNR, SCORES, SSIM
 from gauss2svg.pipeline import limits
@@ -239,3 +245,23 @@ in_bytes, in_seconds = partial(chart.tick, unit="bytes"), partial(chart.tick, un
 def test_numbers_are_shown_so(show, value, text):
     assert show(value).replace("\N{NARROW NO-BREAK SPACE}", " ") == text
     assert " " not in show(value)  # no line break separates the unit
+
+
+def test_a_line_of_a_chart_joins_the_variants_of_one_option():
+    axes = {"init": ["error", "random"], "gaussians": [10, 20, 40]}
+    variants, _ = variants_of(["draft", "fast"], axes=axes)
+    svgs = [
+        {
+            "variant": variant, "title": "", "row": {"page": ""},
+            "report": {"psnr_svg": 30.0 + at, "total_s": 1.0 + at},
+        }
+        for at, variant in enumerate(variants)
+    ]  # fmt: skip
+    drawn = pages.chart_of([{"svgs": svgs}], variants, PSNR, chart.COSTS[1])
+    assert drawn is not None
+    lines = {}
+    for point, variant in zip(drawn["points"], variants, strict=True):
+        lines.setdefault(point["group"], []).append(variant.settings)
+    presets, *counts = lines.values()
+    assert [value for ((_, value),) in presets] == ["draft", "fast"]
+    assert [[dict(one)["gaussians"] for one in line] for line in counts] == [[10, 20, 40]] * 2

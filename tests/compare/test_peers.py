@@ -3,6 +3,7 @@
 import base64
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,6 +87,13 @@ def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal
     axis = ["--axis", "iterations=1", "--axis", "gaussians=1"]
     line = refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=bad.csv")
     assert "must be a CSV with columns of a report; got photo, psnr. Try psnr_svg" in line
+    for text, message in (
+        ("psnr_svg\nabc\n", "psnr_svg in row 2 of bad.csv must be a number; got 'abc'"),
+        ('psnr_svg\n1\n"31,5"\n', "in row 3 of bad.csv must be a number; got '31,5'. Try 31.5"),
+        ("photo;psnr_svg\na;31,5\n", "Try commas between columns, and points in numbers"),
+    ):
+        (tmp_path / "bad.csv").write_text(text)
+        assert message in refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=bad.csv")
     rows = reported("bench", *two_photos, "--peers", "each=each.csv,means=means.csv", *axis)
     assert [rows["a.png", "each"][name] for name in ("psnr_svg", "svgz_bytes")] == [30, 900]
     assert rows["b.png", "each"]["psnr_svg"] == 20
@@ -97,13 +105,14 @@ def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal
 
 @pytest.mark.usefixtures("hasty")
 def test_a_batch_is_shown_and_measured_without_another_fit(two_photos, tmp_path, monkeypatch):
+    two_photos[0] = str(Path(two_photos[0]).rename(tmp_path / "-a.png"))
     assert main(["batch", *two_photos, "-o", "out", "--quiet", "--gaussians", "9"]) == 0
     monkeypatch.setattr(run, "vectorize_by", None)
     with (tmp_path / "out" / "gauss2svg-batch" / "table.csv").open() as file:
-        made = {row["output"]: row for row in csv.DictReader(file)}
+        made = {row["output"].removeprefix("'"): row for row in csv.DictReader(file)}
     for command in ("gallery", "bench"):
         rows = reported(command, "--from", "out")
-        assert rows.keys() == {("a.png", "batch"), ("b.png", "batch")}
+        assert rows.keys() == {("-a.png", "batch"), ("b.png", "batch")}
         for (photo, _), row in rows.items():
             of_batch = made[photo.replace("png", "svg")]
             for name in ("psnr_svg", "gaussians", "svg_bytes", "svgz_bytes", "total_s", "cpu_s"):

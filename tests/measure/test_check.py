@@ -194,7 +194,7 @@ def test_too_low_a_psnr_over_black_is_status_one_too(tmp_path, capsys, drawn_her
     ("arguments", "message"),
     [
         ("- -", "photo and svg must be one file each; got -, -"),
-        ("PHOTO PHOTO", "must be an svg; got"),
+        ("PHOTO PHOTO", "every file after the photo must be an svg; got"),
         ("PHOTO SVG --heatmap x.png --preview x.png", "is also another output"),
         ("PHOTO SVG --heatmap x.png --reference x.png", "is also the reference"),
         ("PHOTO SVG --min-psnr nan", "--min-psnr must be a number above 0"),

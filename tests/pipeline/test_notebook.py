@@ -11,6 +11,7 @@ from PIL import Image
 from scenes import random_areas, random_scene
 
 import gauss2svg
+from gauss2svg.compare.pages import Gallery
 from gauss2svg.fit import FitProgress
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.options import Progress
@@ -34,6 +35,31 @@ def test_a_scene_shows_its_name_and_its_picture_which_is_small_at_any_size():
     drawing = scene.replace(areas=random_areas(3, 1))
     assert psnr(shown(drawing._repr_html_()), render(drawing)) > 28
     assert shown(scene.scaled(1e6, 2e6)._repr_html_()).shape == (768, 512, 3)
+
+
+def test_results_of_other_calls_show_a_line_and_a_picture(photo, tmp_path, drawn_here):
+    small = gauss2svg.placeholder(photo[:32, :32], 400)
+    checked = gauss2svg.check(photo[:32, :32], small.svg)
+    row = {"variant": "<a>", "median_psnr_svg": 30.0, "median_svg_bytes": 9e3, "median_total_s": 1}
+    gallery = Gallery(tmp_path, [{}], [row], [], 0, [])
+    pages = [one._repr_html_() for one in (small, checked, gallery)]
+    assert [page.count("<img ") for page in pages] == [1, 2, 0]
+    assert re.fullmatch(r"<gauss2svg.Placeholder 32x32, .* Gaussians, \d+ bytes>", repr(small))
+    assert repr(gallery) == f"<gauss2svg.Gallery 1 SVGs, 0 failed, {tmp_path / 'index.html'}>"
+    for text in ("&lt;a&gt;", "30.00", "9.00\N{NARROW NO-BREAK SPACE}kB", 'index.html"'):
+        assert text in pages[2]
+
+
+def test_a_terminal_counts_the_photos_of_a_batch(photo, tmp_path, monkeypatch, pool_here, hasty):
+    Image.fromarray(np.uint8(255 * photo[:32, :32])).save(tmp_path / "photo.png")
+    monkeypatch.setattr("sys.stderr", written := io.StringIO())
+    written.isatty = lambda: True
+    monkeypatch.setattr("gauss2svg.pipeline.progress_display.columns", lambda: 80)
+    call = gauss2svg.vectorize_many([tmp_path / "photo.png"], tmp_path / "out", progress=True)
+    for record in call:
+        assert record.error is None
+        time.sleep(0.3)
+    assert "1 of 1: " in written.getvalue()
 
 
 @pytest.mark.parametrize("run", [gauss2svg.vectorize, gauss2svg.placeholder])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenes import random_scene, with_levels
 from with_torch import torch
 
+from gauss2svg.errors import InputError
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render, render_rgba
@@ -283,8 +284,10 @@ def test_torch_draws_gaussians_over_the_raster_of_what_is_below(dtype, seed):
     for fast in (False, True):
         image = drawn(above, [*shapes, torch_ground(scene, dtype), beta], fast).detach()
         np.testing.assert_allclose(image, render(scene, dtype=dtype), atol=OFF[OVER][dtype])
-        with pytest.raises(RuntimeError, match="size"):
+        with pytest.raises(InputError, match=r"background must be of shape \(3,\) or \(8, 9, 3\)"):
             drawn(above, [*shapes, torch.zeros((7, 9, 3)), beta], fast)
+        with pytest.raises(InputError, match="sigma must be of shape"):
+            drawn(above, [shapes[0], torch.ones(99, 2), *shapes[2:], torch.zeros(3), beta], fast)
 
 
 def drawn_by_levels(scene: Scene, tensors: list[torch.Tensor], fast: bool) -> torch.Tensor:

@@ -20,6 +20,7 @@ from with_torch import torch
 
 from gauss2svg.errors import InputError
 from gauss2svg.render import render
+from gauss2svg.render.autograd import torch_loss
 from gauss2svg.render.cpu import (
     removal_cost,
     render_planar,
@@ -171,3 +172,17 @@ def test_sizes_and_types_that_no_image_has_are_refused(size, dtype, message):
     if dtype == np.float32:
         with pytest.raises(InputError, match=message):
             render_reference(Scene(4, 4), *size)
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda render, target: (render - target) ** 2, r"got a tensor of shape \(6, 9, 3\)"),
+        (lambda render, target: (render - target).mean().detach(), "without a gradient"),
+        (lambda render, target: 1.0, "got a float without a gradient"),
+    ],
+)
+def test_a_torch_loss_is_a_scalar_that_depends_on_the_render(function, message):
+    pixels = np.zeros((6, 9, 3), np.float32)
+    with pytest.raises(InputError, match=message):
+        torch_loss(function)(pixels, pixels)

@@ -87,7 +87,7 @@ REFUSALS = [
     ({"sigma": np.zeros((2, 2))}, r"sigma\[0, 0\] must be finite and in .* got 0.0. Try"),
     ({"color": np.full((2, 3), 200)}, r"color\[0, 0\] must be .* to divide by 255"),
     ({"mean": np.zeros((2, 3))}, r"mean must be of shape \(2, 2\); got \(2, 3\)"),
-    ({"rho": np.ma.array([0.1, 0.2], mask=[0, 1])}, r"rho\[1\] must be .* got nan"),
+    ({"rho": np.ma.array([0.1, 0.2], mask=[0, 1])}, r"rho\[1\] .* got nan. Try to replace NaN"),
     ({"round_index": [1, 0]}, "round_index must not decrease"),
     ({"round_index": [0, 1.7]}, r"round_index\[1\] must be finite and whole .* got 1.7"),
     ({"level": [0, 1]}, "level must be at most 0, the number of areas; got 1"),
@@ -136,6 +136,7 @@ def test_parameters_that_a_file_lacks_have_their_defaults():
     [
         (b"", "scene file must be one written by Scene.save"),
         (b"PK\x03\x04broken", "scene file must be"),
+        (b"\x89PNG\r\n\x1a\n", "got another format"),
         (npz(), "scene file must be"),
         (npz(format_version=2), "Scene.save, in version 1; got format version 2"),
         (npz(format_version=1, skew=np.zeros(2)), "got one with other fields: skew"),

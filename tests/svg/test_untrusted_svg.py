@@ -356,6 +356,7 @@ OTHERWISE = {
        f"a broken {kind}" for kind, n in (("PNG", 200), ("JPEG", 2), ("JPEG", 99), ("GIF", 99))},
     **{f'<rect style="{css}"/>': css.partition(":")[0] for css in ("width:8px", "x:1px", "rx:2px")},
     '<path style="d:path(\'M0 0\')"/>': "d: path(...) on <path>",
+    '<g transform="matrix(1 0 0 nan 0 0)"/>': 'transform="matrix(nan ...)" on <g>',
     '<circle style="r:2px"/>': "r: 2px on <circle>",
     '<g style="--x:1;fill:red"/>': "fill: red", '<g style="FILL:red"/>': "fill: red",
     '<g style="font:12px/1 x;fill:red"/>': "fill: red", '<g style="f\\69ll:red"/>': "fill: red",
