@@ -23,7 +23,7 @@ from html import escape
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg import CANVAS, CURRENT_COLOR, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
-from gauss2svg.svg.element import Element, attributes_text, hex_color, number
+from gauss2svg.svg.element import Element, attributes_text, hex_color, number, with_own_ids
 from gauss2svg.svg.encode import Drawing, encode, encode_outlines, sides_of
 from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.svg.minimal import HEX_DIGITS, minimal_svg
@@ -242,4 +242,5 @@ def text_of(drawing: Drawing, scene: Scene, document: Document) -> str:
     texts = [element.text() for element in (*inside, *drawing.body)]
     if document.alt:  # then the description does not say by which program the file was written
         head = signed(head)
-    return "".join(['<?xml version="1.0" encoding="utf-8"?>\n', head, *texts, end, "\n"])
+    svg = "".join(['<?xml version="1.0" encoding="utf-8"?>\n', head, *texts, end, "\n"])
+    return with_own_ids(svg) if drawing.areas else svg
