@@ -202,7 +202,7 @@ def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ("--inks 3 --paper red", "--paper must be given with --inks that are listed"),
+        ("--paper red", "--paper must be given with --inks; got #ff0000"),
         ("--overprint 2", "--overprint must be given with --inks that are listed"),
         ("--inks red,#00f,lime,#ff0 --overprint 2", "mixes; got 2 for 4 inks. Try 1"),
         ("--inks white", "--inks must be another colour than the paper; got #ffffff"),
