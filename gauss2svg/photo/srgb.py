@@ -72,8 +72,8 @@ def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.f
         notes = [UNUSABLE]
     if color.shape[2] == CMYK_CHANNELS:
         rgb = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
-        note = "CMYK without a usable ICC profile; converted by the naive formula, whose colours may "
-        return rgb, [*notes, note + "be too vivid"]
+        formula = "converted by the naive formula, whose colours may be too vivid"
+        return rgb, [*notes, f"CMYK without a usable ICC profile; {formula}"]
     color, gamma_notes = _by_gamma(color, space)
     return color, notes + gamma_notes
 
