@@ -99,7 +99,8 @@ class Parser(argparse.ArgumentParser):
             name = next((name for name in names if name in typed), names[-1])
             _, has_value, value = error.message.partition("ignored explicit argument ")
             needed, got = ("without", value) if has_value else ("with", "none")
-            raise refusal(name, f"given {needed} a value", got, self._advice) from error
+            advice = self._advice if has_value else self._example(name)
+            raise refusal(name, f"given {needed} a value", got, advice) from error
         if unknown:
             raise self._not_taken(unknown[0])
         given = vars(known)
@@ -108,6 +109,15 @@ class Parser(argparse.ArgumentParser):
                 name = field.name.upper() if field.name in _FILES else flag_of(field.name)
                 raise refusal(name, "given", "none", self._advice)
         return given
+
+    def _example(self, name: str) -> str:
+        """Return an option with the value that its text gives as an example, or how to get help."""
+        for group in self.groups:
+            for field in fields_of(group):
+                text = texts_of(group)[field.name] if flag_of(field.name) == name else ""
+                if match := re.search(r"such as ('[^']+'|[\w.]*\w)(?= *[,.]| or )", text):
+                    return f"{name} {match[1]}"
+        return self._advice
 
     def _not_taken(self, word: str) -> InputError:
         """Return the error for a word that is neither an option nor a file that is expected.

@@ -102,8 +102,9 @@ class FitOptions(OptionGroup):
     crisp rims."""
 
     paper: Annotated[str | None, check_paper] = None
-    """Colour of the paper, which shows where no ink is printed, and has no plate. The default is
-    white if none of the listed --inks is near white."""
+    """Colour of the paper, such as white, which shows where no ink is printed, and has no plate. A
+    number of --inks does not count it. The default is white if none of the listed --inks is near
+    white."""
 
     overprint: Annotated[int | None, Interval(ge=1, le=MOST_TONES)] = None
     """Let the listed --inks overprint: where several lie over each other, the colour is the product

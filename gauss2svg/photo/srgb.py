@@ -72,7 +72,8 @@ def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.f
         notes = [UNUSABLE]
     if color.shape[2] == CMYK_CHANNELS:
         rgb = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
-        return rgb, [*notes, "CMYK without a usable ICC profile; converted by the naive formula"]
+        formula = "converted by the naive formula, whose colours may be too vivid"
+        return rgb, [*notes, f"CMYK without a usable ICC profile; {formula}"]
     color, gamma_notes = _by_gamma(color, space)
     return color, notes + gamma_notes
 

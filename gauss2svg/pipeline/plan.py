@@ -204,6 +204,7 @@ class Plan:
                "" for other pictures, and before the photo is read
     printed    inks that the user listed, their paper and their tones (printed_colors), which the
                inks of `options` replace (on_paper). None for other inks, and before
+    ink_count  number of inks that were to be chosen for the picture. None for listed inks
     Raise InputError or RendererError if options exclude each other.
     """
 
@@ -218,6 +219,7 @@ class Plan:
     has_focus: bool = False
     sketch: str = ""
     printed: tuple[str, str | None, int | None] | None = None
+    ink_count: int | None = None
 
     def __post_init__(self) -> None:
         check_together(self.options)
@@ -268,8 +270,10 @@ class Plan:
         It is not if the options ask for more inks than two, or exclude areas for another reason. It
         is not for a target either, which asks for the likeness of the picture as it is.
         """
-        inks = self.options.fit.inks
-        may_have_two = inks in (None, 2) or (isinstance(inks, str) and inks.count(",") == 1)
+        inks, paper = self.options.fit.inks, self.options.fit.paper
+        may_have_two = (inks in (None, 2) and paper is None) or (
+            isinstance(inks, str) and inks.count(",") == 1
+        )
         is_asked = self.options.svg.areas != NEVER and self.aim is None and may_have_two
         return is_asked and self.allows_areas and (self.has_areas or not self.starts)
 
@@ -291,9 +295,12 @@ class Plan:
         sketch.
         """
         options, svg = self.options, self.options.svg
-        if isinstance(inks := options.fit.inks, int):
-            options = options.changed(inks=self.sketch or inks_of(pixels, inks))
+        if isinstance(count := options.fit.inks, int) and not self.sketch:
+            options = options.changed(inks=inks_of(pixels, count, options.fit.paper))
+            plan = dataclasses.replace(self, options=options, ink_count=count)
+            return (plan.on_paper() if options.fit.paper else plan).for_picture(pixels)
         if self.sketch:
+            options = options.changed(inks=self.sketch) if isinstance(count, int) else options
             return dataclasses.replace(self, options=options)
         is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
         may = svg.areas == AUTO and self.may_be_exact
@@ -583,11 +590,12 @@ def _without_areas(options: Options) -> Iterator[tuple[str, object]]:
 def _without_paper(fit: FitOptions) -> Iterator[tuple[str, str, object, str]]:
     """Yield what `_exclusions` yields, for inks on paper."""
     inks, advice = fit.inks, '--inks "#0078bf,#ff48b0"'
+    if fit.paper is not None and inks is None:
+        yield "paper", "be given with inks", fit.paper, f'--inks 3 --paper "{fit.paper}"'
     if not isinstance(inks, str):
-        for name in ("paper", "overprint"):
-            if (value := getattr(fit, name)) is not None:
-                got = f"{value} with inks {inks}" if inks else str(value)
-                yield name, "be given with inks that are listed", got, advice
+        if fit.overprint is not None:
+            got = f"{fit.overprint} with inks {inks}" if inks else str(fit.overprint)
+            yield "overprint", "be given with inks that are listed", got, advice
         return
     count, tones = inks.count(",") + 1, fit.overprint
     if tones is not None and (tones + 1) ** count > MOST_INKS:

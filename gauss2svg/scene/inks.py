@@ -65,6 +65,10 @@ _EDGE_DIFFERENCE = 0.05
 # If the commonest colour of a cluster makes up at least this share of the cluster, this colour is
 # the ink. Otherwise the ink is the colour nearest to the cluster's mean.
 _FLAT_SHARE = 0.25
+# In a picture whose pixels have at least _FLAT_PICTURE of the largest weight, an ink is left out as
+# antialiasing if its pixels have less than _MIXED_WEIGHT of it, and if its colour is within
+# _MIXED_ERROR, in levels of 0..1, of a mix of two other inks.
+_FLAT_PICTURE, _MIXED_WEIGHT, _MIXED_ERROR = 0.6, 0.1, 0.08
 # These factors turn the three levels of a colour into one number, their weighted sum. Such numbers
 # are sorted faster than triples of levels.
 _CODE = (65536, 256, 1)
@@ -177,17 +181,19 @@ def inks_of_scene(scene: Scene) -> _Numbers:
     return scene.inks
 
 
-def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
+def inks_of(pixels: NDArray[np.floating], inks: int | str, paper: str | None = None) -> str:
     """Return `inks` if it is a list of colours. If it is a number, choose inks for the picture.
 
     pixels  (h, w, 3) or (h, w, 4) in 0..1
+    paper   colour for which the chosen inks need none. None: the paper is one of the inks
 
     The chosen inks are colours of the picture, and are returned as "#rrggbb,#rrggbb,..", from light
     to dark. Each ink stands for a cluster of k-means in Oklab, where hue and chroma have more
     weight than lightness. If the commonest colour of a cluster makes up much of it, this colour is
     the ink, so that flat drawings keep their colours. Else the ink is the colour nearest to the
     cluster's mean. Of 3 to 7 inks, the lightest one stands for the lightest part of its cluster,
-    and the darkest one for the darkest part. Raise InputError if the picture has fewer colours than
+    and the darkest one for the darkest part. In a flat drawing there may be fewer inks, because
+    colours of antialiasing are none. Raise InputError if the picture has fewer colours than
     `inks`.
     """
     if isinstance(inks, str):
@@ -197,7 +203,12 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     from gauss2svg import portable
     from gauss2svg.without_scipy import nearest_entry, weighted_means
 
-    colors, counts = _colors(pixels)
+    if paper is not None:  # one ink more is chosen, and the one nearest to the paper left out
+        names = inks_of(pixels, inks + 1).split(",")
+        apart = np.square(oklab(ink_colors(",".join(names))) - oklab(ink_colors(paper)))
+        del names[int(apart.sum(axis=1).argmin())]
+        return ",".join(names)
+    colors, counts, pixel_counts = _colors(pixels)
     if inks > len(colors):
         needed = f"at most {len(colors)}, the number of colours in the picture"
         raise refusal("inks", needed, str(inks))
@@ -233,15 +244,36 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
             part = members[: 1 + np.searchsorted(total, total[-1] * inks / _WIDE_INKS)]
             centers[k] = np.average(cells[part], axis=0, weights=weight[part])
     entry = cluster[cell]
-    chosen: list[tuple[float, str]] = []
+    chosen: list[tuple[float, NDArray[np.uint8]]] = []  # the weight of each ink's pixels
     for k in np.unique(entry):
         members = np.flatnonzero(entry == k)
         share = counts[members] / counts[members].sum()
         at = members[share.argmax()]
         if share.max() < _FLAT_SHARE:  # take the colour nearest to the cluster's mean
             at = members[np.square(points[members] - centers[k]).sum(axis=1).argmin()]
-        chosen.append((-float(points[at, 0]), "#" + bytes(colors[at].tolist()).hex()))
-    return ",".join(ink for _, ink in sorted(chosen))
+        chosen.append((counts[members].sum() / pixel_counts[members].sum(), colors[at]))
+    if counts.sum() >= _FLAT_PICTURE * pixel_counts.sum():
+        chosen = _without_mixes(chosen)
+    by_light = sorted((-float(oklab(color / 255)[0]), ink_name(color / 255)) for _, color in chosen)
+    return ",".join(name for _, name in by_light)
+
+
+def _without_mixes(
+    inks: list[tuple[float, NDArray[np.uint8]]],
+) -> list[tuple[float, NDArray[np.uint8]]]:
+    """Return inks (weight of a pixel, levels of 255) without the colours of antialiasing."""
+    import numpy as np
+
+    for one in sorted(inks, key=lambda ink: ink[0]):
+        others = [ink[1] / 255 for ink in inks if ink is not one]
+        for first, last in itertools.combinations(others, 2):
+            along, offset = last - first, one[1] / 255 - first
+            share = min(max(float(offset @ along) / max(float(along @ along), 1e-9), 0.0), 1.0)
+            is_mix = float(np.square(offset - share * along).sum()) < _MIXED_ERROR**2
+            if one[0] < _MIXED_WEIGHT and is_mix:
+                inks = [ink for ink in inks if ink is not one]
+                break
+    return inks
 
 
 def oklab(colors: NDArray[np.floating]) -> _Numbers:
@@ -255,11 +287,12 @@ def oklab(colors: NDArray[np.floating]) -> _Numbers:
     return portable.product(portable.cbrt(cones), np.transpose(_TO_LAB))
 
 
-def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
-    """Return the distinct colours (n, 3) of a picture in levels of 255, and their weights (n,).
+def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers, _Numbers]:
+    """Return the distinct colours (n, 3) of a picture in levels of 255, and two arrays (n,).
 
-    Pixels with an alpha below 0.5 are ignored. The weight of a colour is the sum of the weights of
-    its pixels. The weight of a pixel is 1, or less if a neighbouring pixel has another colour.
+    These are the weights of the colours, and the numbers of the pixels that have them. Pixels with
+    an alpha below 0.5 are ignored. The weight of a colour is the sum of the weights of its pixels.
+    The weight of a pixel is 1, or less if a neighbouring pixel has another colour.
     """
     import numpy as np
 
@@ -283,7 +316,8 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
         flat, share = flat[visible, :3], share[visible]
     levels = np.round(flat * 255).astype(np.uint8)
     _, first, inverse = np.unique(levels @ _CODE, return_index=True, return_inverse=True)
-    return levels[first], np.bincount(inverse, share).astype(np.float64)
+    weights = np.bincount(inverse, share).astype(np.float64)
+    return levels[first], weights, np.bincount(inverse).astype(np.float64)
 
 
 def _read_palette(name: str, path: str) -> list[str]:

@@ -20,6 +20,8 @@ crash on large numbers.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from string import ascii_letters
 from typing import NamedTuple
@@ -39,6 +41,8 @@ LARGEST_NUMBER = 1e8
 # beyond it, because cairo has only 23 bits for whole pixels. At a distance of 1e7 px their errors
 # are 47 levels of 255.
 FARTHEST = 8e6
+# Matches the place of a short id, at its definition and in references to it.
+_SHORT_ID = re.compile(r'(?:(?<= id=")|(?<=href="#)|(?<=url\(#))(?=[a-zA-Z]{1,4}[")])')
 
 
 class Element:
@@ -127,6 +131,19 @@ def short_id(index: int) -> str:
     """Return the id with this index, counted from 0, in the list a, b, ..., Z, aa, ab, ..."""
     before, last = divmod(index, len(ascii_letters))
     return (short_id(before - 1) if before else "") + ascii_letters[last]
+
+
+def with_own_ids(svg: str) -> str:
+    """Return the text of a file whose short ids begin with four letters of a hash of its elements.
+
+    Two such files can be inline in one page, where each id must be unique. Ids of layers and
+    areas, which people read, remain.
+    """
+    # User texts, which may look like ids, come before the definitions.
+    head, begin, rest = svg.partition("<defs>")
+    hashed = hashlib.sha256(rest.encode()).digest()
+    own = "".join(ascii_letters[byte % len(ascii_letters)] for byte in hashed[:4])
+    return head + begin + _SHORT_ID.sub(own, rest)
 
 
 def check_view(scene: Scene, precision: float = 1.0) -> None:

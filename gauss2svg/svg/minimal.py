@@ -81,6 +81,7 @@ from gauss2svg.svg.element import (
     number,
     short_id,
     unless,
+    with_own_ids,
     writable,
 )
 from gauss2svg.svg.forms import (
@@ -186,6 +187,7 @@ def minimal_svg(
     root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
     body = clipped([*cover, *inside], np.vstack(boxes), sides)
     svg = Element("svg", [*named, *defs, *body], **root).text()
+    svg = with_own_ids(svg) if areas.paths else svg
     return svg if cover else signed(svg)  # the path `cover` is a mark too (file.is_own)
 
 

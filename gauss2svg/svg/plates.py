@@ -9,6 +9,7 @@ would lie in two layers. So a cut file has one region for each ink, closed and c
 The region is what is seen of the ink:
 
     shapes as polygons, the bottom one first -> union with those of the ink, difference of others
+    -> what is too thin to be cut goes to the ink beside it
 
 Regions are polygons of lines, and are written as areas (gauss2svg.svg.element). shapely computes
 them, which belongs to the extra `cut`.
@@ -17,8 +18,10 @@ them, which belongs to the extra `cut`.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping
+from functools import cached_property
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +40,7 @@ from gauss2svg.svg.minimal import color_levels, colors_together, overlaps, proje
 from gauss2svg.svg.read_values import windings
 
 if TYPE_CHECKING:  # not at run time, because only cut files need shapely
+    from numpy.typing import NDArray
     from shapely.geometry.base import BaseGeometry
 
 # Two ellipses count as apart if the gap between them is at least this, in px. It is more than 0,
@@ -46,9 +50,12 @@ _MARGIN = 1.0
 # ellipse of 3 px, which is a dot in a photo, then has 20 lines.
 TOLERANCE_MM, TOLERANCE_PX = 0.01, 0.05
 CUT_UNIT = 0.01  # px, to which coordinates of cut files are rounded
+# What is thinner than this, in mm on paper, cannot be cut. It becomes a part of a region beside it.
+LEAST_WIDTH_MM = 0.3
 # Parts and holes of a region are left out if they are smaller than this, in px. They are what
 # rounding leaves between edges that meet.
 _LEAST_PART = 1e-3
+_GRID = 1e-3  # px, to which corners of regions are rounded, so that they can be united exactly
 
 
 def grouped_by_ink(scene: Scene) -> Scene:
@@ -152,12 +159,63 @@ class Regions:
         self._shapes += zip(map(ink_name, scene.color), ellipses, strict=True)
 
     def of(self, colors: Collection[str]) -> BaseGeometry:
-        """Return the region of the page in which one of the colours "#rrggbb" is seen."""
+        """Return the region of the page in which one of the colours "#rrggbb" is seen.
+
+        Slivers belong to a colour beside them.
+        """
+        regions = [region for color, region in self._regions.items() if color in colors]
+        return self._polygons(self._shapely.union_all(regions, grid_size=_GRID))
+
+    @cached_property
+    def _regions(self) -> dict[str, BaseGeometry]:
+        """The region of each colour, without slivers.
+
+        The thinnest slivers go first, because what lies beside them may then be wide enough.
+        """
+        shapely, least = self._shapely, LEAST_WIDTH_MM * self._px_per_mm
+        regions = {color: self._seen(color) for color in self.colors}
+        for width, color in itertools.product((least / 3, least), self.colors):
+            slivers = self._slivers(regions[color], width)
+            others = [other for other in self.colors if other != color]
+            # Each sliver goes to the colour that has most of its edge.
+            edges = shapely.buffer(slivers, width / 10)
+            shares = np.zeros((len(others), len(slivers)))
+            for k, other in enumerate(others):
+                shapely.prepare(regions[other])
+                near = shapely.intersects(regions[other], edges)
+                shares[k, near] = shapely.area(shapely.intersection(regions[other], edges[near]))
+            lost = shapely.union_all(slivers)
+            region = shapely.difference(regions[color], lost, grid_size=_GRID)
+            regions[color] = self._polygons(region)
+            for k, other in enumerate(others):
+                won = slivers[(shares[k] > 0) & (shares.argmax(axis=0) == k)]
+                if len(won):
+                    region = shapely.union_all([regions[other], *won], grid_size=_GRID)
+                    regions[other] = self._polygons(region)
+        return regions
+
+    def _slivers(self, region: BaseGeometry, width: float) -> NDArray[np.object_]:
+        """Return the parts of a region that are thinner than a width in px, as polygons."""
+        wide = region.buffer(-width / 2, join_style="mitre")
+        wide = wide.buffer(width / 2 + 2 * _GRID, join_style="mitre")
+        rest = self._shapely.difference(region, wide, grid_size=_GRID)
+        parts = self._shapely.get_parts(self._polygons(rest))
+        # The tips of corners are thin too, and stay.
+        is_beside = self._shapely.distance(parts, wide) <= 2 * _GRID
+        return parts[~is_beside | (self._shapely.area(parts) >= width**2)]
+
+    def _seen(self, color: str) -> BaseGeometry:
+        """Return the region in which a colour is seen."""
         region = self._shapely.Polygon()
-        for is_inside, run in groupby(self._shapes, key=lambda one: one[0] in colors):
+        for is_inside, run in groupby(self._shapes, key=lambda one: one[0] == color):
             together = self._shapely.union_all([polygon for _, polygon in run])
             region = region.union(together) if is_inside else region.difference(together)
-        parts = self._shapely.get_parts(region.intersection(self._page))
+        region = self._shapely.intersection(region, self._page, grid_size=_GRID)
+        return self._polygons(region)
+
+    def _polygons(self, region: BaseGeometry) -> BaseGeometry:
+        """Return the polygons of a region, without its lines and points."""
+        parts = self._shapely.get_parts(region)
         return self._shapely.multipolygons([one for one in parts if one.geom_type == "Polygon"])
 
     def plate(self, tones: Mapping[str, float], trap: float = 0.0) -> Scene:

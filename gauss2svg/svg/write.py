@@ -23,7 +23,7 @@ from html import escape
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg import CANVAS, CURRENT_COLOR, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
-from gauss2svg.svg.element import Element, attributes_text, hex_color, number
+from gauss2svg.svg.element import Element, attributes_text, hex_color, number, with_own_ids
 from gauss2svg.svg.encode import Drawing, encode, encode_outlines, sides_of
 from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.svg.minimal import HEX_DIGITS, minimal_svg
@@ -212,8 +212,14 @@ def text_of(drawing: Drawing, scene: Scene, document: Document) -> str:
 
     Its root has a size, a title and a description, and contains the elements of the drawing.
     """
-    import svgwrite  # imported here because it is slow to import and minimal files do not need it
-    from svgwrite.extensions import Inkscape
+    # Imported here because it is slow to import and minimal files do not need it.
+    from svgwrite.container import SVG
+    from svgwrite.extensions.inkscape import INKSCAPE_NAMESPACE
+
+    inside = [Element("defs", drawing.definitions)] if drawing.definitions else []
+    if drawing.sheet:
+        inside.append(Element("style", f"<![CDATA[{drawing.sheet}]]>", type="text/css"))
+    texts = [element.text() for element in (*inside, *drawing.body)]
 
     canvas = sides_of(scene)
     document = dataclasses.replace(document, size=drawing.size or document.size)
@@ -221,8 +227,10 @@ def text_of(drawing: Drawing, scene: Scene, document: Document) -> str:
     view = f"0 0 {drawing.view[0]} {drawing.view[1]}"
     # The checks of svgwrite are off. With debug=True, writing would take three times as long, and
     # the checks do not find NaN.
-    root = svgwrite.Drawing(size=sides or canvas, viewBox=view, debug=False)
-    Inkscape(root)  # adds the namespaces of Inkscape to the root
+    root = SVG(size=sides or canvas, viewBox=view, debug=False)
+    root["xmlns"] = "http://www.w3.org/2000/svg"
+    if any("inkscape:" in text for text in texts):
+        root["xmlns:inkscape"] = INKSCAPE_NAMESPACE
     if document.aspect:
         root["preserveAspectRatio"] = document.aspect
     if document.is_responsive:
@@ -236,10 +244,7 @@ def text_of(drawing: Drawing, scene: Scene, document: Document) -> str:
     usual = f"{' and '.join(counts)}, fitted and written by gauss2svg {__version__}"
     root.set_desc(title=document.title, desc=document.alt or usual)
     head, _, end = root.tostring().partition("<defs />")
-    inside = [Element("defs", drawing.definitions or None)]
-    if drawing.sheet:
-        inside.append(Element("style", f"<![CDATA[{drawing.sheet}]]>", type="text/css"))
-    texts = [element.text() for element in (*inside, *drawing.body)]
     if document.alt:  # then the description does not say by which program the file was written
         head = signed(head)
-    return "".join(['<?xml version="1.0" encoding="utf-8"?>\n', head, *texts, end, "\n"])
+    svg = "".join(['<?xml version="1.0" encoding="utf-8"?>\n', head, *texts, end, "\n"])
+    return with_own_ids(svg) if drawing.areas else svg

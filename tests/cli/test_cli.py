@@ -128,6 +128,7 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
 MISTAKES = [
     ("PHOTO -o FOLDER/x/", "ends in .svg or .svgz, or a folder that exists; got"),
     ("PHOTO -o --quiet", "-o must be given with a value; got none. Try"),
+    ("PHOTO --paper", "--paper must be given with a value; got none. Try --paper white"),
     ("PHOTO -o OUT -- -b.svg", "the photo must be one file; got"),
     ("PHOTO -o FOLDER/o.png", "--output must be a name that ends in .svg or .svgz"),
     ("PHOTO -o OUT --report FOLDER/a.png", "a name that ends in .json"),

@@ -10,7 +10,10 @@ from PIL import Image
 from gauss2svg.errors import InputError
 from gauss2svg.photo.load import load_image
 
-NAIVE = "CMYK without a usable ICC profile; converted by the naive formula"
+NAIVE = (
+    "CMYK without a usable ICC profile; converted by the naive formula, whose colours may be too "
+    "vivid"
+)
 VALUES = np.random.default_rng(0).uniform(0.2, 1, (37, 45, 4))
 KINDS = {  # photometric, channels, extra sample
     "colours": ("rgb", 3, None),

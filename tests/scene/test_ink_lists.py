@@ -176,3 +176,13 @@ def test_every_column_of_a_large_picture_is_looked_at():
     pixels = np.zeros((1000, 2000, 3), np.float32)
     pixels[:, 1::8], pixels[:, 2::8] = 1, [1, 0, 0]
     assert inks_of(pixels, 3) == "#ffffff,#ff0000,#000000"
+
+
+def test_antialiasing_and_paper_are_no_inks_and_an_only_colour_is_one():
+    at = np.hypot(*np.mgrid[-100:100, -100:100])
+    picture = np.full((200, 200, 3), [0.93, 0.91, 0.86])
+    for radius, color in ((80, [0.13, 0.13, 0.13]), (30, [0.88, 0.1, 0.14])):
+        cover = np.clip(radius - at, 0, 1)[..., None]  # antialiased
+        picture = (1 - cover) * picture + cover * color
+    assert inks_of(picture, 6) == "#ede8db,#e01a24,#212121"
+    assert inks_of(picture, 2, paper="#f5f0e6") == "#e01a24,#212121"

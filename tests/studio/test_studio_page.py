@@ -129,6 +129,8 @@ def test_areas_and_lines_are_counted_and_each_kind_can_be_hidden(visit, server, 
 
 def test_shapes_are_seen_as_they_are_fitted_and_a_fit_is_canceled_or_stopped(visit, server):
     page = visit().open()
+    page.locator("#run").click()
+    expect(page.locator("#photo-error")).to_have_text("Choose a photo first.")
     aim(page, "Shapes", 300)
     open_options(page)
     page.locator("#option-iterations").fill(str(LONG))

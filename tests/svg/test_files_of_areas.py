@@ -312,6 +312,26 @@ def test_an_almost_black_icon_takes_the_colour_of_its_page():
     assert " color=" not in svg
 
 
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+@pytest.mark.parametrize("soft", [3, 600])  # minimal markup draws 600 with a style sheet
+def test_two_drawings_in_one_page_are_drawn_as_each_alone(markup, soft):
+    def page(*svgs: str) -> np.ndarray:
+        size = 'xmlns="http://www.w3.org/2000/svg" width="64" height="96"'
+        return rasterize(f"<svg {size}>{''.join(svgs)}</svg>", 64, 96)
+
+    svgs = []
+    for seed, y in ((7, 0), (8, 48)):
+        scene = random_scene(soft, 64, 48, seed).replace(areas=random_areas(9, seed))
+        svg = write_svg(scene, SvgFormat(markup=markup), Document(size="64px"))
+        svgs.append(svg[svg.index("<svg") :].replace("<svg", f'<svg y="{y}"', 1))
+    ids = [set(re.findall(r'id="([a-zA-Z]+)"', svg)) - {"background", "areas"} for svg in svgs]
+    assert ids[0]
+    assert ids[1]
+    assert not ids[0] & ids[1]
+    both, first, second = page(*svgs), page(svgs[0]), page(svgs[1])
+    np.testing.assert_array_equal(both, np.vstack([first[:48], second[48:]]))
+
+
 def test_scenes_that_a_file_cannot_have_are_refused():
     far = Area([closed((0, 0), (1e8, 0), (0, 9))], RED)
     wide = Area([BOX], LinearGradient((0, 1), (RED, RED), (0, 0), (1e8, 0)))

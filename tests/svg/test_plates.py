@@ -202,7 +202,7 @@ def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ("--inks 3 --paper red", "--paper must be given with --inks that are listed"),
+        ("--paper red", "--paper must be given with --inks; got #ff0000"),
         ("--overprint 2", "--overprint must be given with --inks that are listed"),
         ("--inks red,#00f,lime,#ff0 --overprint 2", "mixes; got 2 for 4 inks. Try 1"),
         ("--inks white", "--inks must be another colour than the paper; got #ffffff"),
@@ -280,6 +280,28 @@ def test_regions_are_what_is_seen_of_inks_and_cover_the_page_once(seed, ellipses
         assert (np.abs(alpha - (1 - plate[:, :, 0])) > 0.5).mean() < 0.001
     assert sum(part.area for part in parts.values()) == pytest.approx(90 * 70, rel=1e-5)
     assert shapely.union_all(list(parts.values())).area == pytest.approx(90 * 70, rel=1e-5)
+
+
+def test_what_no_cutter_can_cut_belongs_to_the_region_beside_it():
+    light, middle, dark = (tuple(ink) for ink in ink_colors(INKS))
+    strip = 0.2 / MM  # px
+    page, side = Outline(((0, 0), (90, 0), (90, 70), (0, 70)), (False,) * 4), square(40, 10, 10)
+    areas = [
+        Area((page,), light),
+        Area((side,), middle),
+        Area((Outline(((50, 10), (50 + strip, 10), (50, 50)), (False,) * 3),), dark),  # beside it
+        Area(
+            (Outline(((20, 10 + strip), (50, 10 + strip)), (False,), False),), dark, width=strip / 2
+        ),
+        Area((square(5, 70, 20),), dark),
+    ]
+    regions = Regions(Scene(90, 70, background=light, areas=areas), MM)
+    parts = {ink: region_of(regions.plate({ink: 1.0})) for ink in INKS.split(",")}
+    assert [part.area for part in parts.values()] == pytest.approx([4675, 1600, 25], abs=10 * strip)
+    assert parts[INKS.split(",")[2]].area == pytest.approx(25, abs=0.01)
+    assert sum(part.area for part in parts.values()) == pytest.approx(90 * 70, rel=1e-6)
+    for part in parts.values():
+        assert not any(one.buffer(-0.14 / MM).is_empty for one in shapely.get_parts(part))
 
 
 def test_a_trap_spreads_below_darker_inks_alone_and_as_far_as_it_says():

@@ -50,6 +50,7 @@ class Studio {
     listen((photos) => this.take(photos), (line) => complain("photo-error", line));
     by("goal").addEventListener("submit", (event) => {
       event.preventDefault();
+      complain("photo-error", this.photo ? "" : "Choose a photo first.");
       if (this.photo) this.run([this.photo]);
       else by("choose").focus();
     });
