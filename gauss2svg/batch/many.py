@@ -501,12 +501,13 @@ def _write_parquet(table: str, path: str) -> None:
         }
         for name, kind in types.items()
     ]  # fmt: skip
+    unquoted = compute.ReplaceSubstringOptions(f"^'({_FORMULA.pattern})", r"\1")
     described = {"index_columns": [], "column_indexes": [], "columns": columns}
     schema = rows.schema.with_metadata({"pandas": json.dumps(described)})
     with ParquetWriter(path, schema) as writer:
         for batch in rows:
             cells: Any = [
-                compute.replace_substring_regex(column, f"^'({_FORMULA.pattern})", r"\1")
+                compute.call_function("replace_substring_regex", [column], unquoted)
                 if column.type == pa.string()
                 else column
                 for column in batch.columns

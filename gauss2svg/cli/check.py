@@ -80,8 +80,9 @@ def run(given: dict[str, Any]) -> int:
             got = f"{len(pairs)} photos"
             raise refusal("--reference", "given with one photo", got, "one photo")
     is_printed = output.report is not None and str(output.report) == STANDARD_STREAM
-    is_saved = output.report is not None and not is_printed
-    report = [Path(in_folder(output.report, "check.json"))] if is_saved else []
+    report = list[Path]()
+    if output.report is not None and not is_printed:
+        report.append(Path(in_folder(output.report, "check.json")))
     pictures = [item for each in targets for item in each.items()]
     for path in {path.parent for _, path in pictures} if root is not None else ():
         files.make_folder(path)

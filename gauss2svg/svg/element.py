@@ -280,6 +280,9 @@ def in_units(
         opacity, width = round(area.opacity, opacity_decimals), round(area.width)
         if outlines and opacity and (width or not area.is_line):
             look = {"paint": _whole_paint(area.paint), "opacity": opacity, "width": width}
+            # Closed lines have no ends, and readers find butt ones.
+            if area.cap == "square" and all(outline.closed for outline in outlines):
+                look["cap"] = "butt"
             written.append(dataclasses.replace(area, outlines=outlines, **look))
             kept.append(k)
     level = np.searchsorted(kept, scene.level)

@@ -305,7 +305,7 @@ def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
     ramp = np.float32(np.linspace(0.2, 0.8, 96)[None, :, None] * [1.0, 0.8, 0.4] + 0 * flat)
     noise = np.random.default_rng(0).random((64, 96, 3)).astype(np.float32)
     numbers = preset.gain, preset.stop_psnr, preset.cap
-    counts = [len(fitted(p, limits_of(*numbers)).state) for p in (flat, ramp, photo)]
+    counts = [len(fitted(p, limits_of(*numbers), 100).state) for p in (flat, ramp, photo)]
     assert counts[0] == 0
     assert 1 <= counts[1] <= 30
     assert counts[2] > 300

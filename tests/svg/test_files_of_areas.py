@@ -305,6 +305,14 @@ def test_a_drawing_of_one_colour_has_it_at_the_root_alone(markup, color, clear):
     assert write_svg(two, svg_format) == write_svg(two, SvgFormat(markup=markup))
 
 
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_a_closed_line_with_square_ends_is_read_and_written_as_the_same_bytes(markup):
+    ring = closed((4, 4), (20, 4), (12, 18))
+    scene = Scene(40, 30, areas=[Area([ring], RED, width=2, cap="square")])
+    svg = write_svg(scene, SvgFormat(markup=markup))
+    assert write_svg(read_svg(svg), SvgFormat(markup=markup)) == svg
+
+
 def test_an_almost_black_icon_takes_the_colour_of_its_page():
     areas = [dataclasses.replace(a, paint=(1 / 255, 0, 2 / 255)) for a in random_areas(3, 2)]
     svg = write_svg(Scene(40, 30, areas=areas, transparent=True), SvgFormat(current_color=True))
