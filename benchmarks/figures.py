@@ -70,6 +70,7 @@ from gauss2svg.photo.load import load_image
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import RENDERERS, rasterize, rasterize_rgba
 from gauss2svg.render import render
+from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.forms import gradient_stops
 
@@ -476,7 +477,7 @@ def start(folder: Path) -> None:
     )
     enlarged_logo = slider(
         folder,
-        "Three letters and a bow of a round logo, enlarged eight times",
+        "Letters and a star of a round logo, enlarged eight times",
         "A logo of 256 px, eight times as large: its pixels, vtracer, gauss2svg",
         {f"logo-{name}": shown for name, shown in logo_frames().items()},
     )
@@ -511,11 +512,11 @@ def logo_frames() -> dict[str, tuple[Pixels, str]]:
     logo = rasterize((PICTURES / "badge.svg").read_text(), 256, 256)
     result = vectorize(logo)
     traced = vtracer.convert_raw_image_to_svg(encoded(logo, "PNG"), img_format="png")
-    pattern = "gauss2svg: {kB:.1f} kB, {area_count} areas, {line_count} lines"
+    line = said(result, "gauss2svg: {kB:.1f} kB, ") + str(AreaCounts.of(result.scene.areas))
     large = {
         "pixels": (enlarged(logo, 8, Image.Resampling.NEAREST), "256 x 256 pixels"),
         "vtracer": (drawn(traced, 2048, 2048), f"vtracer: {len(traced) / 1000:.1f} kB"),
-        "gauss2svg": (rasterize(result.svg, 2048, 2048), said(result, pattern)),
+        "gauss2svg": (rasterize(result.svg, 2048, 2048), line),
     }
     return {name: (one[820:1220, 620:1220], line) for name, (one, line) in large.items()}
 
