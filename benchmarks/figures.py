@@ -512,7 +512,9 @@ def logo_frames() -> dict[str, tuple[Pixels, str]]:
     logo = rasterize((PICTURES / "badge.svg").read_text(), 256, 256)
     result = vectorize(logo)
     traced = vtracer.convert_raw_image_to_svg(encoded(logo, "PNG"), img_format="png")
-    line = said(result, "gauss2svg: {kB:.1f} kB, ") + str(AreaCounts.of(result.scene.areas))
+    line = said(result, "gauss2svg: {kB:.1f} kB, ") + str(
+        AreaCounts.of(result.scene.areas).without_nodes
+    )
     large = {
         "pixels": (enlarged(logo, 8, Image.Resampling.NEAREST), "256 x 256 pixels"),
         "vtracer": (drawn(traced, 2048, 2048), f"vtracer: {len(traced) / 1000:.1f} kB"),

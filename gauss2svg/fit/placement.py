@@ -141,8 +141,9 @@ class _Placer:
     def by_component(self, count: int) -> NewGaussians:
         """Return up to `count` Gaussians, one on each of the components with most squared residual.
 
-        Above areas, the largest components are taken instead, as in LIVE, because large errors are
-        thin there: they lie along outlines, which `gauss2svg.areas.refine` moves.
+        Above areas, and in trials beside them, the largest components are taken instead, as in
+        LIVE, because large errors are thin there: they lie along outlines, which
+        `gauss2svg.areas.refine` moves.
 
         Each Gaussian gets the mean colour of its component. At first the Gaussian is round, and as
         wide as a disc with the area A of the component: its sigma is sqrt(A / pi) / 2, which is the
@@ -150,7 +151,7 @@ class _Placer:
         stretched. Its direction and the ratio of its axes follow from the second moments of the
         component.
         """
-        if self._target.has_areas_below:
+        if self._target.has_ground:
             parts = self._components(count)
         else:
             parts = self._components(count, BINS, np.square(self._residual).sum(axis=0))

@@ -122,7 +122,7 @@ class Target:
             self.focus = mask.weight(self.height, self.width).astype(dtype)
             self.weight = self.focus * weight
             self.weight *= weight.mean() / self.weight.mean()
-        self.has_areas_below = ground is not None and bool(ground.areas)
+        self.has_ground = ground is not None
         self._grounds: dict[float | None, NDArray[np.floating]] = {}
         if ground is not None:
             from gauss2svg.render.areas import ground_of  # few fits need its kernels

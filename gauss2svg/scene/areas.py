@@ -23,7 +23,7 @@ from gauss2svg.errors import SceneError, brief, quoted
 Point = tuple[float, float]
 Color = tuple[float, float, float]
 Cap = Literal["butt", "round", "square"]
-CAPS: tuple[Cap, ...] = ("butt", "round", "square")  # in the order of core/coverage.c
+CAPS: tuple[Cap, ...] = ("butt", "round", "square")  # the enum of core/coverage.c has this order
 MOST_COORDINATE = 1e9  # largest absolute value of a coordinate, in px
 MOST_STOPS = 64  # largest number of stops of a gradient
 

@@ -236,18 +236,17 @@ def test_new_gaussians_go_along_the_edge_where_the_error_is():
     assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
 
 
-@pytest.mark.parametrize("has_areas", [False, True])
-def test_selective_ones_go_where_most_squared_error_or_above_areas_most_area_is(has_areas):
+@pytest.mark.parametrize("has_ground", [False, True])
+def test_selective_ones_go_where_most_squared_error_or_above_areas_most_area_is(has_ground):
     picture = np.zeros((40, 60, 3), np.float32)
     picture[5:25, 5:35] = 0.3  # 600 px, of absolute error 540 and squared error 162
     picture[28:38, 40:55] = 1.0  # 150 px, of absolute and squared error 450
     box = Outline(((0, 0), (1, 0), (0, 1)), (False,) * 3)
-    areas = [Area((box,), (0.0, 0.0, 0.0))] if has_areas else []
-    ground = Scene(60, 40, areas=areas, background=np.zeros(3))
-    target = Target(picture, "psnr", ground=ground)
+    ground = Scene(60, 40, areas=[Area((box,), (0.0, 0.0, 0.0))], background=np.zeros(3))
+    target = Target(picture, "psnr", ground=ground if has_ground else None)
     rng = np.random.default_rng(0)
     new = place("selective", target, np.zeros_like(target.planar), 1, 1, rng)
-    np.testing.assert_allclose(new.mean, [[20, 15] if has_areas else [47.5, 33]])
+    np.testing.assert_allclose(new.mean, [[20, 15] if has_ground else [47.5, 33]])
 
 
 def test_selective_ones_have_the_area_the_aspect_and_the_colour_of_the_error():
