@@ -227,14 +227,17 @@ def kinks_of(path: Path) -> list[Kink]:
         points = np.vstack([points, segments[k, 3]])
         curve = fitted_curve(points)
         new = sampled(curve[None], np.ones(1, bool), np.full(1, 24))
-        bends = [
-            _turns(steps[:-1], steps[1:]).sum()
-            for line in (points, np.vstack([new, curve[3]]))
-            for steps in [np.vstack([ends[k - 2], np.diff(line, axis=0), starts[(k + 1) % count]])]
-        ]
-        if bends[0] - bends[1] > BEND_RAD:
+        new = np.vstack([new, curve[3]])
+        around = ends[k - 2], starts[(k + 1) % count]
+        if _bend(points, *around) - _bend(new, *around) > BEND_RAD:
             kinks.append(Kink(int(k), curve, segments[k, 0]))
     return kinks
+
+
+def _bend(points: Floats, before: Floats, after: Floats) -> float:
+    """Return the sum of the turns along points (n, 2) from one direction (2,) to another one."""
+    steps = np.vstack([before, np.diff(points, axis=0), after])
+    return float(_turns(steps[:-1], steps[1:]).sum())
 
 
 def _turns(u: Floats, v: Floats) -> Floats:

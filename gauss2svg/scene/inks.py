@@ -264,11 +264,14 @@ def _without_mixes(
     """Return inks (weight of a pixel, levels of 255) without the colours of antialiasing."""
     import numpy as np
 
+    from gauss2svg import portable
+
     for one in sorted(inks, key=lambda ink: ink[0]):
         others = [ink[1] / 255 for ink in inks if ink is not one]
         for first, last in itertools.combinations(others, 2):
             along, offset = last - first, one[1] / 255 - first
-            share = min(max(float(offset @ along) / max(float(along @ along), 1e-9), 0.0), 1.0)
+            share = portable.dot(offset, along) / max(portable.dot(along, along), 1e-9)
+            share = min(max(share, 0.0), 1.0)
             is_mix = float(np.square(offset - share * along).sum()) < _MIXED_ERROR**2
             if one[0] < _MIXED_WEIGHT and is_mix:
                 inks = [ink for ink in inks if ink is not one]

@@ -37,7 +37,7 @@ def test_a_kink_beside_a_round_end_goes_and_the_raster_stays():
 
 def test_the_corners_of_a_small_star_stay():
     turns = np.pi * (0.1 + np.arange(10) / 5)
-    size = np.where(np.arange(10) % 2, 2.0, 5.0)
+    size = np.where(np.arange(10) % 2, 1.5, 3.5)
     nodes = np.stack([30 + size * np.cos(turns), 20 + size * np.sin(turns)], axis=1)
     star = "L".join(f"{x:.4f} {y:.4f}" for x, y in nodes)
     svg = PICTURE.replace("M10 10H{0}a8 8 0 0 1 0 16H10z", f"M{star}z")
