@@ -84,11 +84,11 @@ def run(given: dict[str, Any]) -> int:
     if output.report is not None and not is_printed:
         report.append(Path(in_folder(output.report, "check.json")))
     pictures = [item for each in targets for item in each.items()]
+    for name, path in [*(("report", path) for path in report), *pictures]:
+        check_ending(flag_of(name), path, (".json" if name == "report" else ".png",))
     for path in {path.parent for _, path in pictures} if root is not None else ():
         files.make_folder(path)
     files.check_outputs(inputs, [*report, *(path for _, path in pictures)])
-    for name, path in [*(("report", path) for path in report), *pictures]:
-        check_ending(flag_of(name), path, (".json" if name == "report" else ".png",))
     records: list[dict[str, Any]] = []
     contents: dict[Path, bytes] = {}
     lines, status = [], 0
