@@ -23,6 +23,9 @@ EDGE, EDGE_PX = 24.0, 4  # least height in levels, and width in px, of an edge b
 # The more of a picture is smooth, the fewer crisp edges it needs (docs/decisions/areas.md). The
 # number of edges at a pixel must be at least exp(-STEEPNESS * share) - FREE_EDGES.
 STEEPNESS, FREE_EDGES = 9.3, 3e-5
+# In small logos as JPEG, few blocks are smooth. If this share of the blocks has one colour, half as
+# many edges suffice, and so many edges at a pixel always do: photos have at most .01.
+EVEN, ALL_CRISP = 0.2, 0.03
 # A picture of at most ICON px a side has few such edges. If this share of its blocks has one
 # colour, it is a drawing. Photos have at most .1.
 ICON, ONE_COLOR = 32, 0.15
@@ -53,7 +56,9 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
         is_smooth = end <= np.maximum(SMOOTH, SMOOTH_SHARE * edge)
         crisp += np.count_nonzero((edge > EDGE) & is_smooth)
     needed = portable.exp(-STEEPNESS * np.count_nonzero(rough <= SMOOTH) / rough.size)
-    return bool(crisp / level.size + FREE_EDGES >= needed)
+    if np.mean(rough < 1) >= EVEN:
+        needed *= 0.5
+    return bool(crisp / level.size + FREE_EDGES >= min(needed, ALL_CRISP))
 
 
 def _tiles(pixels: NDArray[np.float32]) -> NDArray[np.float32]:

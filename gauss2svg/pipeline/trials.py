@@ -83,9 +83,12 @@ class Trials:
         self._rate, self._price = plan.rate, plan.rate * plan.shape_bytes
         self._shapes_alone = dict[int, float]()  # squared error by the number of shapes
         width, height = subject.size
-        share = min(1.0, 256 / max(width, height))  # Trials see at most 256 px a side.
-        small = max(1, round(share * height)), max(1, round(share * width))
-        self._small, self.values = shrunk(subject.working, *small), 3 * width * height
+        # Trials see about 256 px a side. If the factor were no whole number, the small picture
+        # would be blurrier than areas are at its size. What is left over at the edges is cut off.
+        self._times = times = min(max(1, round(max(width, height) / 256)), width, height)
+        rows, columns = height // times, width // times
+        part = subject.working[: rows * times, : columns * times]
+        self._small, self.values = shrunk(part, rows, columns), 3 * width * height
         self.most = math.inf if plan.goal.count is None else plan.goal.count
         if plan.sketch or plan.in_inks:
             self.most = 0  # they would draw errors along edges, which look like stains
@@ -102,7 +105,7 @@ class Trials:
         for below in (8, 24, 72) if found.areas and not len(scene) else ():
             if self._is_over() or cost <= self._price * below or below > self.most:
                 break
-            tried = with_gaussians_below(scene_of_areas, self._small, below, self._is_over)
+            tried = self._with_gaussians_below(scene_of_areas, below)
             tried_export, tried_error = self._exporter.unscored(tried), self._error(tried)
             if tried_export.size > self._limit or tried_error + self._price * below >= cost:
                 break
@@ -139,7 +142,17 @@ class Trials:
         inks = self._plan.options.fit.inks
         options = FitOptions(tune=PSNR, falloff=GAUSSIAN if inks is None else None, inks=inks)
         focus = self._subject.focus
-        return _fitted(self._small, options, count, 80, focus, ground, stop)
+        return _fitted(self._small, options, count, 80, focus, self._cut(ground), stop)
+
+    def _with_gaussians_below(self, scene: Scene, count: int) -> Scene:
+        """Return a scene of areas with `count` Gaussians on its page."""
+        new = with_gaussians_below(self._cut(scene), self._small, count, self._is_over)
+        return new.replace(width=scene.width, height=scene.height)
+
+    def _cut(self, scene: Scene) -> Scene:
+        """Return a scene without what the small picture lacks at the right and at the bottom."""
+        height, width = self._small.shape[:2]
+        return scene.replace(width=width * self._times, height=height * self._times)
 
     def is_visible(self, error: float) -> bool:
         """Return whether people can see a squared error at the picture's own size."""
@@ -148,7 +161,7 @@ class Trials:
     def _error(self, scene: Scene) -> float:
         """Return the squared error of a scene, measured on the small picture."""
         weight = self._subject.weight(self._small)
-        return self.values * portable.power(10, -model_psnr(scene, self._small, weight) / 10)
+        return self.values * portable.power(10, -model_psnr(self._cut(scene), self._small, weight) / 10)
 
     def shapes_win(self, size: float, error: float) -> bool:
         """Return whether shapes alone, in a file of so many bytes, may be closer than areas.
@@ -205,7 +218,9 @@ class Trials:
         count = min(SHORT, most, self._limit / SHAPE_BYTES[0], pixels // 3)
         trial = self.blank()
         session = self._fitted(trial.ground, int(count), lambda: False)
-        export = self._exporter.unscored(scaled_to(session.scene(), self._subject.size))
+        width, height = self._subject.size
+        scene = session.scene().scaled(self._times, self._times).replace(width=width, height=height)
+        export = self._exporter.unscored(scene)
         if export.size > self._limit:
             export = self._exporter.pruned(export, int(self._limit))
         return dataclasses.replace(trial, ground=export.scene, export=export)
