@@ -31,6 +31,7 @@ from gauss2svg.areas import arrays
 from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Floats, Ints, dilated
 from gauss2svg.areas.paint import GOOD, paint_of
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blocks, renamed
+from gauss2svg.areas.texture import TWO_TONED, two_toned
 from gauss2svg.core import Kernel
 from gauss2svg.portable import product
 from gauss2svg.without_scipy import smoothed
@@ -318,7 +319,10 @@ def textured(pixels: Floats, cores: Ints) -> Bools:
     part, _ = arrays.parts_of(_opened(rough, WINDOW) | seeds)
     sizes, seed_sizes = (np.bincount(part[m], minlength=part.max() + 1) for m in (part > 0, seeds))
     # Where noise is faint, fewer squares are seeds, and areas are found.
-    names = np.flatnonzero(seed_sizes > 0.2 * sizes)
+    # Letters and hatching of a JPEG have no such blocks either.
+    edge, even = (np.bincount(part[m], minlength=len(sizes)) for m in two_toned(pixels[..., :3]))
+    is_crisp = (edge >= 0.75 * sizes) & (even >= TWO_TONED * edge)
+    names = np.flatnonzero((seed_sizes > 0.2 * sizes) & ~is_crisp)
     whole = np.isin(part, np.intersect1d(names, part[_opened(part > 0, LEAST)]))
     # The squares leave out corners of a part that is turned or round.
     result: Any = ndimage.binary_dilation(whole, BLOCK, WINDOW // 2, _opened(rough, CLEAN))

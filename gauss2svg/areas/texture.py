@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from gauss2svg import portable
@@ -23,9 +24,9 @@ EDGE, EDGE_PX = 24.0, 4  # least height in levels, and width in px, of an edge b
 # The more of a picture is smooth, the fewer crisp edges it needs (docs/decisions/areas.md). The
 # number of edges at a pixel must be at least exp(-STEEPNESS * share) - FREE_EDGES.
 STEEPNESS, FREE_EDGES = 9.3, 3e-5
-# In small logos as JPEG, few blocks are smooth. If this share of the blocks has one colour, half as
-# many edges suffice, and so many edges at a pixel always do: photos have at most .01.
-EVEN, ALL_CRISP = 0.2, 0.03
+# In small logos as JPEG, few blocks are smooth. A picture of at most LOGO px a side is a drawing if
+# TWO_TONED of its pixels near edges are as on one side of them. Photos have at most .64.
+LOGO, TWO_TONED = 512, 0.65
 # A picture of at most ICON px a side has few such edges. If this share of its blocks has one
 # colour, it is a drawing. Photos have at most .1.
 ICON, ONE_COLOR = 32, 0.15
@@ -56,9 +57,35 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
         is_smooth = end <= np.maximum(SMOOTH, SMOOTH_SHARE * edge)
         crisp += np.count_nonzero((edge > EDGE) & is_smooth)
     needed = portable.exp(-STEEPNESS * np.count_nonzero(rough <= SMOOTH) / rough.size)
-    if np.mean(rough < 1) >= EVEN:
-        needed *= 0.5
-    return bool(crisp / level.size + FREE_EDGES >= min(needed, ALL_CRISP))
+    if crisp / level.size + FREE_EDGES >= needed:
+        return True
+    if max(pixels.shape[:2]) > LOGO:
+        return False
+    is_edge, is_even = two_toned(pixels[..., :3])
+    return bool(is_edge.mean() >= 0.4 and is_even.sum() >= TWO_TONED * is_edge.sum())
+
+
+def two_toned(pixels: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which pixels (h, w) are near edges, and which of these are as on one side of them.
+
+    Most pixels near the edges of crisp shapes, such as letters and hatching, are nearly the
+    darkest or the brightest ones around them, also in a JPEG. Those of a photo are between.
+    """
+    high, low = pixels, -pixels
+    for axis in (0, 1):
+        width = [(4, 4) if k == axis else (0, 0) for k in range(3)]
+        high, low = (
+            sliding_window_view(np.pad(values, width, "edge"), 9, axis).max(axis=-1)
+            for values in (high, low)
+        )
+    contrast = high + low
+    channel = contrast.argmax(axis=2, keepdims=True)
+    above, below, contrast = (
+        np.take_along_axis(values, channel, 2)[..., 0]
+        for values in (high - pixels, pixels + low, contrast)
+    )
+    is_edge = contrast >= 48 / 255
+    return is_edge, is_edge & (np.minimum(above, below) <= 0.15 * contrast)
 
 
 def _tiles(pixels: NDArray[np.float32]) -> NDArray[np.float32]:

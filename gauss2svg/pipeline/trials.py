@@ -17,7 +17,7 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import Target
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import Focus, from_views, has_alpha, shrunk, views
-from gauss2svg.pipeline.outcome import Export, Exporter, Subject, scaled_to
+from gauss2svg.pipeline.outcome import Export, Exporter, Subject
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.render.areas import coverage_of, draw_areas
 from gauss2svg.scene import ABOVE, Scene
@@ -161,7 +161,9 @@ class Trials:
     def _error(self, scene: Scene) -> float:
         """Return the squared error of a scene, measured on the small picture."""
         weight = self._subject.weight(self._small)
-        return self.values * portable.power(10, -model_psnr(self._cut(scene), self._small, weight) / 10)
+        return self.values * portable.power(
+            10, -model_psnr(self._cut(scene), self._small, weight) / 10
+        )
 
     def shapes_win(self, size: float, error: float) -> bool:
         """Return whether shapes alone, in a file of so many bytes, may be closer than areas.
