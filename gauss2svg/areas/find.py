@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from gauss2svg import portable
 from gauss2svg.areas import clean, lines, merge, outlines, regions, thin
 from gauss2svg.areas.arrays import Bools, Floats, Ints
-from gauss2svg.areas.paint import Paint, Palette, join_parts_of_gradients, paints_of
+from gauss2svg.areas.paint import (
+    LEAST_OPACITY,
+    Paint,
+    Palette,
+    join_parts_of_gradients,
+    opacity_of,
+    paints_of,
+)
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
@@ -21,7 +28,6 @@ RATE = 0.0012  # squared error that a byte of an area must save
 UNIT = 1 / 32  # px of path data
 STEPS = 20  # steps of refinement before nodes are merged, and after each time that they are
 FIRST_RATE = 0.004  # squared error for a byte below which a layer is not even refined
-LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 
 
 class NoDrawingError(Exception):
@@ -140,11 +146,6 @@ def channels_of(picture: NDArray[np.float32]) -> Floats:
     alpha = pixels[..., 3:]
     over_black = pixels[..., :3] * alpha
     return np.concatenate([over_black, over_black + 1 - alpha], axis=-1)
-
-
-def opacity_of(color: Floats) -> float:
-    """Return the opacity of a colour (c,). That of one with three channels is 1."""
-    return 1.0 if len(color) == 3 else float(np.clip(1 - (color[3:] - color[:3]).mean(), 0, 1))
 
 
 def first_drawing(

@@ -23,7 +23,7 @@ from gauss2svg.areas.arrays import LEVEL, Bools, Box, Floats, Ints, dilated, par
 from gauss2svg.areas.centrelines import STEP, Chain, chains_of
 from gauss2svg.areas.merge import rounded
 from gauss2svg.areas.outlines import Path, Weights, lengths_of
-from gauss2svg.areas.paint import Paint
+from gauss2svg.areas.paint import LEAST_OPACITY, Paint, opacity_of
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Shares
 from gauss2svg.areas.thin import MOST_PARTS, PURE, SAME_COLOR, inside_of
@@ -122,11 +122,11 @@ def take_lines(
 def _thin_parts(shares: Shares, paints: list[Paint], letter_ground: Ints) -> list[Part]:
     """Return the thin parts of regions that have one colour, narrow ones and wide ones.
 
-    The ground between letters is no part.
+    The ground between letters is no part, and neither is the transparent page, which no line draws.
     """
     classes: dict[Paint, list[int]] = {}
     for k, paint in enumerate(paints):
-        if not paint.is_shaded:
+        if not (paint.is_shaded or opacity_of(paint.color) < LEAST_OPACITY):
             classes.setdefault(paint, []).append(k)
     parts = []
     for names in classes.values():

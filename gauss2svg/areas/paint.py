@@ -19,6 +19,7 @@ GOOD = 1.2 * LEVEL  # root mean square error at which a gradient gets no more st
 GAIN, ROUND_GAIN = 0.5, 0.8
 ALIKE = 2.6 * LEVEL  # largest difference of two colours that become one
 PRIOR, PRIOR_PER_PX = 0.5, 0.3  # weight of a colour's first value, and more for each pixel of it
+LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 SHADES = 1024  # colours of a gradient's table (gauss2svg/core/paints.h)
 
 _explain_pixels = Kernel(
@@ -72,6 +73,11 @@ class Paint:
             return np.broadcast_to(self.color.astype(np.float32), (*np.shape(xs), len(self.color)))
         shades = self.gradient.at(xs + 0.5, ys + 0.5).astype(np.float32)
         return np.concatenate([shades] * (len(self.color) // 3), axis=-1)
+
+
+def opacity_of(color: Floats) -> float:
+    """Return the opacity of a colour (c,). That of one with three channels is 1."""
+    return 1.0 if len(color) == 3 else float(np.clip(1 - (color[3:] - color[:3]).mean(), 0, 1))
 
 
 def paint_of(pixels: Floats, ys: Ints, xs: Ints) -> Paint:

@@ -44,8 +44,16 @@ FILTERS = BICUBIC, LANCZOS = 2, 3  # px to which the filters of Pillow reach
 def is_rung(picture: Floats) -> bool:
     """Return whether colours step back beside many edges of a picture, as those of bands do."""
     luma = portable.product(channels_of(picture)[..., -3:], LUMA[0].astype(np.float32))
+    if _steps_back(luma, FALL[0]):
+        return True
+    # Where the page shows, alpha is clipped, so that only the next and fainter band is left.
+    return picture.shape[2] == 4 and _steps_back(picture[..., 3], 0.9 * LEVEL)
+
+
+def _steps_back(plane: Floats, least: float) -> bool:
+    """Return whether a plane (h, w) steps back by `least` beside many of its edges."""
     edges = rung = 0
-    for rows in (luma, luma.T):
+    for rows in (plane, plane.T):
         if rows.shape[1] < 2 * SIDE:
             continue
         step = np.diff(rows)[:, SIDE - 1 : 1 - SIDE]
@@ -57,7 +65,7 @@ def is_rung(picture: Floats) -> bool:
         is_even = (np.abs(sides[..., -1] - sides[..., -2]) <= PLATEAU * contrast).all(axis=0)
         fall = -np.diff(sides[..., :BAND]).min(axis=(0, 2))
         edges += np.count_nonzero(is_even)
-        rung += np.count_nonzero(is_even & (fall > FALL[0]) & (fall < FALL[1] * contrast))
+        rung += np.count_nonzero(is_even & (fall > least) & (fall < FALL[1] * contrast))
     return bool(rung >= max(LEAST_EDGES, LEAST_SHARE * edges))
 
 
