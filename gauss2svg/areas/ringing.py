@@ -31,6 +31,7 @@ LEAST_EDGES, LEAST_SHARE = 8, 0.25
 WIDTH, NEAR = 3, 7  # px; bands are narrower than WIDTH. The contrast of NEAR x NEAR pixels counts
 # Bands have at most this share of the contrast, and what is left of them at most the second one.
 BANDS, LEFT = 0.12, 0.03
+CLIPPED = 9 * LEVEL  # bands of alpha reach so far from 0 and 1, beyond which alpha is clipped
 # Least share of the changes of a filter that a picture has if the filter reduced it. It is .23 to
 # 1, because areas of thin parts may take on over half of them, as other colours and widths.
 EXPLAINED = 0.2
@@ -43,11 +44,15 @@ FILTERS = BICUBIC, LANCZOS = 2, 3  # px to which the filters of Pillow reach
 
 def is_rung(picture: Floats) -> bool:
     """Return whether colours step back beside many edges of a picture, as those of bands do."""
-    luma = portable.product(channels_of(picture)[..., -3:], LUMA[0].astype(np.float32))
-    if _steps_back(luma, FALL[0]):
+    if _has_rung_colors(picture):
         return True
     # Where the page shows, alpha is clipped, so that only the next and fainter band is left.
     return picture.shape[2] == 4 and _steps_back(picture[..., 3], 0.9 * LEVEL)
+
+
+def _has_rung_colors(picture: Floats) -> bool:
+    luma = portable.product(channels_of(picture)[..., -3:], LUMA[0].astype(np.float32))
+    return _steps_back(luma, FALL[0])
 
 
 def _steps_back(plane: Floats, least: float) -> bool:
@@ -74,6 +79,12 @@ def without_bands(picture: Floats, most: float = BANDS) -> Floats:
 
     most  difference as a share of the contrast nearby
     """
+    if picture.shape[2] == 4:
+        alpha = picture[..., 3:]
+        alpha = np.where(alpha < CLIPPED, 0, np.where(alpha > 1 - CLIPPED, 1, alpha))
+        picture = np.concatenate([picture[..., :3], alpha], axis=2)
+        if not _has_rung_colors(picture):
+            return picture
     values = channels_of(picture)
     high, low = (
         f(values, (NEAR, NEAR, 1)) for f in (ndimage.maximum_filter, ndimage.minimum_filter)

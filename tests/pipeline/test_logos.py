@@ -49,3 +49,19 @@ def test_hatching_in_a_jpeg_is_no_photo_in_a_drawing():
     found = find_areas(np.asarray(jpeg(page.reduce(4), 85), np.float32) / 255)
     assert found.explained > 0.95
     assert found.psnr > 20
+
+
+def boxes(resample: Image.Resampling) -> np.ndarray:
+    """Return boxes of a gradient with narrow gaps on a transparent page, reduced by a filter."""
+    y, x = np.mgrid[:600, :800]
+    inside = (x % 160 > 24) & (y % 200 > 24) | (np.hypot(x - 400, y - 300) < 150)
+    page = np.stack([x / 4, 120 + 0 * x, 255 - x / 4, 255 * inside], axis=2).astype(np.uint8)
+    return np.asarray(Image.fromarray(page).resize((200, 150), resample))
+
+
+@pytest.mark.parametrize("resample", [Image.Resampling.BOX, Image.Resampling.LANCZOS])
+def test_gaps_of_a_transparent_page_are_no_lines(resample):
+    result = vectorize(boxes(resample))
+    assert len(result.scene) == 0
+    assert all(area.opacity > 0 for area in result.scene.areas)
+    assert result.report["psnr_svg"] > 35
