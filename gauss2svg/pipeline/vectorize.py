@@ -19,7 +19,15 @@ from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores, decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
-from gauss2svg.photo.pixels import Header, Photo, elongation, matte_color, pixels_of, shrunk
+from gauss2svg.photo.pixels import (
+    Header,
+    Photo,
+    averaged,
+    elongation,
+    matte_color,
+    pixels_of,
+    shrunk,
+)
 from gauss2svg.pipeline.budgets import (
     AREA_PIXELS_A_SECOND,
     STEPS,
@@ -46,6 +54,8 @@ from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
 
 if TYPE_CHECKING:
     from gauss2svg.pipeline.plot import Plot
+
+WHOLE_DRAWING = 2**20  # px up to which areas are found in a picture that is not reduced
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,9 +278,15 @@ def vectorize_by(
     subject = Subject(pixels, working, photo.original_size, document, mask, start)
     is_drawn = plan.may_be_exact and not plan.sketch
     sprite = _sprite(plan, run, image, photo) if is_drawn else None
-    del photo  # frees the photo's pixels, which may be many
     side = max(load.fit) / elongation(*load.fit)
     plan = dataclasses.replace(plan, fit_side=side).for_picture(pixels)
+    if plan.in_areas and load.fit != photo.original_size and sketch is None:
+        # Outlines would follow the rings of the filter that keeps photos sharp.
+        is_whole = math.prod(photo.original_size) <= WHOLE_DRAWING
+        is_whole &= load.measured == photo.original_size and options.run.max_memory is None
+        working = pixels if is_whole else averaged(pixels_of(photo), *load.fit[::-1])
+        subject = dataclasses.replace(subject, working=working)
+    del photo  # frees the photo's pixels, which may be many
     with run.threaded():
         outcome = best_of(_outcomes(plan, run, subject, sprite), plan)
     subject.release()

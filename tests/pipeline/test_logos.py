@@ -65,3 +65,14 @@ def test_gaps_of_a_transparent_page_are_no_lines(resample):
     assert len(result.scene) == 0
     assert all(area.opacity > 0 for area in result.scene.areas)
     assert result.report["psnr_svg"] > 35
+
+
+@pytest.mark.parametrize("is_clear", [False, True])
+def test_outlines_of_a_large_logo_are_where_its_edges_are(is_clear):
+    mark = np.asarray(wordmark(1200, 800).resize((1137, 758), Image.Resampling.BOX))
+    if is_clear:
+        alpha = 255 - mark[..., :1]
+        mark = np.concatenate([np.zeros_like(mark), alpha], axis=2)
+    result = vectorize(mark)
+    assert result.report["psnr_svg"] > 40
+    assert len(result.scene.areas) < 8
