@@ -27,7 +27,6 @@ from gauss2svg.fit import has_ssim, schedule
 from gauss2svg.photo.pixels import Header, Size, elongation
 from gauss2svg.pipeline.plan import CAP_FOR_TARGET, Plan
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, held_bytes
-from gauss2svg.raster import DEFAULT_RENDERER
 from gauss2svg.scene import ADD
 
 # A file is measured at this many pixels or more, unless the photo itself has fewer
@@ -42,13 +41,6 @@ _PIXEL_BYTES = (12, 31, 57), (28, 70, 151)
 # Memory of a run, as it was measured (docs/decisions/memory.md).
 BASE = 130e6  # bytes that a run takes even with a photo of a few pixels
 SHAPE = 3000  # bytes per Gaussian
-FIT = 75  # bytes per pixel that a fit takes
-FIT_AREAS = 330  # bytes per pixel that the search for areas takes in a drawing
-FIT_SSIM = 130  # bytes per pixel that a fit takes if its loss includes SSIM
-# Bytes per pixel that a fit in inks takes in addition to FIT, because it needs a target besides the
-# photo.
-INKS = 34
-ADDITIVE = 110e6  # bytes that writing an additive scene takes
 MARGIN = 1.2  # factor on the estimate, for memory that was not measured
 
 
@@ -98,8 +90,8 @@ class Load:
         """Largest number of Gaussians that the run may use."""
         if self.plan.goal.count is not None:
             return self.plan.goal.count
-        caps = [CAP_FOR_TARGET if one.aim else one.preset.cap for one in self.plan.searches()]
-        return min(max(caps), math.prod(self.fit) // 2)
+        cap = CAP_FOR_TARGET if self.plan.aim else self.plan.preset.cap
+        return min(cap, math.prod(self.fit) // 2)
 
     @property
     def bytes(self) -> int:
@@ -107,13 +99,13 @@ class Load:
         plan, options, target = self.plan, self.plan.options, self.plan.goal.target
         fit, kept = math.prod(self.fit), math.prod(self.measured)
         held, _, measured = _PIXEL_BYTES[self.photo.has_alpha]
-        inked = INKS * plan.in_inks
-        each = FIT_AREAS if plan.in_areas else FIT_SSIM if has_ssim(options.fit.loss) else FIT
+        inked = 34 * plan.in_inks  # a fit in inks has a target besides the photo
+        each = 330 if plan.in_areas else 130 if has_ssim(options.fit.loss) else 75
         fitting = held * kept + (each + inked) * fit
         measured = max(measured, held + (target.pixel_bytes if target is not None else 0))
         # After the fit, 36 bytes per pixel of it stay in memory.
         measuring = measured * kept + (36 + inked) * fit
-        measuring += ADDITIVE * (options.fit.blend == ADD)
+        measuring += 110e6 * (options.fit.blend == ADD)
         most = max(_decoding(self.photo, kept), fitting, measuring)
         return math.ceil(MARGIN * (BASE + most + SHAPE * self.most_gaussians))
 
@@ -193,31 +185,23 @@ def _megabytes(size: float) -> str:
     return f"{size / 1e6:.0f} MB" if size >= 1e6 else f"{size:.0f} bytes"
 
 
-# The next two numbers set the size of a fit with a time limit (docs/decisions/time.md).
-# The fit may have this many pixels for each second of the limit that is left after start-up.
-PIXELS_PER_SECOND = 150_000
-# Even with a very short limit, this many seconds are assumed to be left after start-up.
-LEAST_S = 0.25
-
-
 def pixels_within(time_limit: float) -> float:
     """Return the largest number of pixels that a fit may have with this time limit in s.
 
-    Half a second of the limit is set aside for start-up.
+    Half a second of the limit is set aside for start-up (docs/decisions/time.md).
     """
-    return PIXELS_PER_SECOND * max(time_limit - 0.5, LEAST_S)
+    return 150_000 * max(time_limit - 0.5, 0.25)
 
 
 def load_of(plan: Plan, photo: Header) -> Load:
     """Return the load of a run.
 
-    The option max_size decides the size of the fit. If it is not given, the presets of the searches
-    and the time limit decide.
+    The option max_size decides the size of the fit. If it is not given, the preset and the time
+    limit decide.
     """
     given, limit = plan.options.run.max_size, plan.goal.time_limit
     width, height = photo.width, photo.height
-    usual = max(search.preset.max_size for search in plan.searches())
-    longest = given or usual * elongation(width, height)
+    longest = given or plan.preset.max_size * elongation(width, height)
     scale = min(1.0, longest / max(width, height))
     if limit is not None and given is None:
         scale = min(scale, math.sqrt(pixels_within(limit) / (width * height)))
@@ -225,13 +209,9 @@ def load_of(plan: Plan, photo: Header) -> Load:
 
 
 STEP_GAUSSIAN = 8e-7  # seconds that a step of the fit takes for each Gaussian
-# A step of growth takes this fraction of the time that is predicted for other steps.
-GROWING = 0.5
 EXPORT_GAUSSIAN = 5e-5  # seconds for each Gaussian to write, rasterise and measure a file
 # The search for the file's colours takes this many seconds for each Gaussian.
 COLORS_GAUSSIAN = 7e-5
-# Seconds that these programs take to start.
-STARTS = {"chromium": 2.0, "firefox": 2.0, "inkscape": 2.0}
 # With a time limit, a fit should have this number of steps. If there is time for more steps, the
 # fit has more Gaussians instead. For a photo, doubling the number of Gaussians improves the picture
 # more than doubling the number of steps does.
@@ -252,7 +232,6 @@ class TimeBudget:
     measured  number of pixels at which the file is measured
     threads   number of threads of the fit
     steps     number of steps that the fit should have
-    renderer  the renderer that rasterises the file
     """
 
     deadline: float = math.inf
@@ -260,19 +239,20 @@ class TimeBudget:
     measured: int = 1
     threads: int = 1
     steps: int = STEPS
-    renderer: str = DEFAULT_RENDERER
 
     def __post_init__(self) -> None:
         # Seconds of an export, to which each Gaussian adds EXPORT_GAUSSIAN.
         self._export_s = 0.06 + 1.3e-6 * self.measured
-        self._start_s = STARTS.get(self.renderer, 0.0)
         # The sums do not begin with 0, so that the first steps change their ratio only a little.
         self._predicted = self._taken = 0.03
-        # Seconds that all steps so far took, divided by the seconds that were predicted for them.
-        self._slowness = 1.0
         # The time at which the last step ended, and the number of Gaussians in that step.
         self._last_step = 0.0, -1
         self.begin_fit(0)
+
+    @property
+    def _slowness(self) -> float:
+        """Seconds that all steps so far took, divided by those that were predicted for them."""
+        return self._taken / self._predicted
 
     def begin_fit(self, count: int, share: float = 1.0) -> None:
         """Note that a fit of about `count` Gaussians begins.
@@ -294,8 +274,8 @@ class TimeBudget:
         if count == self._last_step[1]:
             step_s = self._step_s(pixels) + STEP_GAUSSIAN * count
             self._taken += now - self._last_step[0]
-            self._predicted += (GROWING if growing else 1.0) * step_s
-            self._slowness = self._taken / self._predicted
+            # A step of growth takes half of the time that is predicted for other steps.
+            self._predicted += (0.5 if growing else 1.0) * step_s
         self._last_step = now, count
         if not growing:
             self._reserved_for = count
@@ -312,7 +292,7 @@ class TimeBudget:
         # step must not count as the time of a step.
         self._last_step = 0.0, -1
         steps = self.steps * (1 - done)
-        left = (self._left_s() - self._start_s) / self._slowness
+        left = self._left_s() / self._slowness
         each = STEP_GAUSSIAN * steps + EXPORT_GAUSSIAN + colors * COLORS_GAUSSIAN
         return max(FEWEST, (left - self._step_s(self.pixels) * steps - self._export_s) / each)
 
@@ -346,4 +326,4 @@ class TimeBudget:
 
     def _reserved_s(self, count: int) -> float:
         each = EXPORT_GAUSSIAN + COLORS_GAUSSIAN
-        return self._start_s + self._slowness * (self._export_s + each * count)
+        return self._slowness * (self._export_s + each * count)

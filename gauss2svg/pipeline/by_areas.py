@@ -1,17 +1,16 @@
 """The search for areas, with Gaussians above them. It writes a file of both.
 
     picture -> areas -> would a few Gaussians above them save more than they cost? -> fewer areas
-    and such Gaussians, as long as that is better -> a search by count that fits Gaussians above the
-    areas -> the closer one of the files with and without Gaussians
+    and such Gaussians, if that is better -> a search by count that fits Gaussians above the areas
+    -> the closer one of the files with and without Gaussians
 
 The currency is squared error for bytes. Without a limit, each byte of an area or of a Gaussian must
-save the rate. With a limit of bytes, the areas are those with which the squared error is expected
-to be least once Gaussians have filled the limit. With a target, they are those of the highest rate
-that reach it alone, if there are such.
+save the rate. With a limit of bytes, the rate is raised until the file of the areas fits, and
+Gaussians fill what is left.
 
 For example, a ball with a soft shadow on a plain ground becomes 12 areas, of which 9 are strips of
 the shadow. A trial of 24 Gaussians leaves a 20th of the squared error, so the picture is shaded.
-At 30 times the rate there are 3 areas, above which Gaussians draw the shadow in fewer bytes.
+Without its shading there are 3 areas, below which Gaussians draw the shadow in fewer bytes.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,47 +56,27 @@ from gauss2svg.pipeline.found import (
     kept,
     picture_in_inks,
     with_shared_colors,
-    with_solved_colors,
 )
 from gauss2svg.pipeline.limits import ENOUGH
-from gauss2svg.pipeline.options import ALWAYS
-from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject, scaled_to
+from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, filled, scaled_to
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.pipeline.trials import (
-    SEEN_UP_TO,
-    SHADED,
-    UNREFINED,
-    Trial,
-    Trials,
-    nothing,
-    scene_of,
-)
+from gauss2svg.pipeline.trials import SEEN_UP_TO, Trial, Trials, nothing, scene_of
 from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import Area, AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, SvgFormat
 from gauss2svg.svg.write import ordered_svg
 
-# Units of a page's longer side. Cairo, and with it librsvg and CairoSVG, draws linear gradients as
-# one colour where coordinates reach 2^15 units.
-MOST_UNITS = 20480
 # Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
 # that is left along outlines save squared error too.
 PRICE_OF_NOISE = 2.5 * 255
-DECODINGS = 2  # searches whose areas tell what JPEG changed
-TRIES = 6  # largest number of rates that are tried, or half of it if no file is within the limit
-# If a file is k times as large as the limit, the rate is multiplied by about k ** STEEPNESS.
-STEEPNESS = 8.0
-LESS = 8.0  # factor on the rate as long as a file reaches the target
+STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the rate
 # A picture is searched without its shading only if it then has less than this share of the areas. A
 # start keeps its nodes unless its file without those that do not pay has less than this share of
 # the bytes, as after a tracer.
 FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
-EDGE_BYTES = 4.0  # bytes of areas for each px of the edges between regions
-LEAST_EXPLAINED = 0.9  # share of a drawing in inks that areas draw. A photo in it has bands else
-FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
 
 
 class _StoppedError(Exception):
@@ -107,10 +85,6 @@ class _StoppedError(Exception):
 
 class _StripsError(Exception):
     """Areas would only imitate the shading of a picture, or a photo, by strips."""
-
-
-class _NoFewerError(Exception):
-    """A picture without its shading has hardly fewer areas than with it."""
 
 
 class ByAreas:
@@ -124,7 +98,9 @@ class ByAreas:
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
         precision = plan.options.svg.precision
         if precision is None:
-            least = max(LEAST_PRECISION, max(subject.canvas) / MOST_UNITS)
+            # Cairo, and with it librsvg and CairoSVG, draws linear gradients as one colour where
+            # coordinates reach 2^15 units.
+            least = max(LEAST_PRECISION, max(subject.canvas) / 20480)
             precision = min(max(scale * UNIT, least), MOST_PRECISION)
             plan = dataclasses.replace(plan, options=plan.options.changed(precision=precision))
         self._noise, self._noisy, self._quality = noise_of(subject.working), subject.working, None
@@ -135,12 +111,17 @@ class ByAreas:
         is_known = not self._noise or self._quality is not None
         self._is_rung = is_known and not plan.sketch and is_rung(self._noisy)
         if self._is_rung and not self._noise:
-            working = without_bands(self._noisy)
-            subject = dataclasses.replace(subject, working=working)
+            subject = dataclasses.replace(subject, working=without_bands(self._noisy))
         # Whether areas match the photo itself
         self._is_as_given = times == 1 and not (self._noise or plan.sketch or plan.in_inks)
+        if plan.in_inks and subject.start is not None:
+            areas = areas_in_inks(subject.start.areas, str(plan.options.fit.inks))
+            subject = dataclasses.replace(
+                subject, start=subject.start.select([]).replace(areas=areas)
+            )
         self._rate = RATE * max(1.0, PRICE_OF_NOISE * self._noise)
         self._plan, self._subject, self._run = plan, subject, run
+        self._start = subject.start  # scene whose unchanged areas stay as they are
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
         # Gaussians that fill a limit would draw noise, or what enlarging has left.
@@ -148,14 +129,8 @@ class ByAreas:
         self._is_cut = self._is_late = False
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
-        self._first_size = 0.0  # bytes of the first areas, before they are refined
-        self._so_far = None  # areas that were found before the picture was drawn in inks
+        self._so_far: FoundAreas | None = None  # areas before the picture was drawn in inks
         self._inks = plan.sketch  # inks that all areas get, "" if they have any colours
-        if plan.in_inks and subject.start is not None:
-            areas = areas_in_inks(subject.start.areas, str(plan.options.fit.inks))
-            start = subject.start.select([]).replace(areas=areas)
-            self._subject = dataclasses.replace(subject, start=start)
-        self._start = self._subject.start  # scene whose unchanged areas stay as they are
         # A picture with more even cores is no drawing. A smaller one may have fewer of them.
         most = min(800, max(math.prod(subject.size) // 100, 100))
         self._most_cores = None if plan.prefers_areas else most
@@ -171,8 +146,8 @@ class ByAreas:
         export = self._exporter.unscored(start)
         if export.size > self._limit:
             return outcome
-        fitted = outcome.fitted.after(None, "start")
-        own = dataclasses.replace(self._with_file(outcome, export), fitted=fitted)
+        fitted, measured = outcome.fitted.after(None, "start"), self._exporter.measured(export)
+        own = dataclasses.replace(outcome, file=export, measured=measured, fitted=fitted)
         return max(outcome, own, key=lambda one: one.psnr)
 
     def _scaled_start(self) -> Scene | None:
@@ -187,24 +162,20 @@ class ByAreas:
             self._ink(str(self._plan.options.fit.inks))
         plan = dataclasses.replace(self._plan, rate=self._rate)
         self._trials = Trials(plan, self._subject, self._exporter, self._fills, self._is_over)
-        trial, subject = self._best(), self._subject
-        # If the search for shapes alone is stopped at once, this is the file.
-        goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
-        is_free = goal.time_limit is None and self._plan.aim is None
-        is_short = (run.ended or is_only or is_free) and not self._plan.sketch
-        if trial is None:
-            trial = self._trials.in_short() if is_short else self._trials.blank()
+        # If the search for shapes alone is stopped at once, the shapes of a short fit are the file.
+        trial, subject = self._best() or self._trials.in_short(), self._subject
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        reason = "max_bytes" if self._is_cut else "gain"
-        reason = run.end_reason(reason, self._is_late)
+        reason = run.end_reason("max_bytes" if self._is_cut else "gain", self._is_late)
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
         final = self._steady(self._rastered(trial))
         run.notify("measure")
         alone = Outcome(
-            self._plan, subject, final.export, fitted, self._exporter.measured(final.export),
+            self._plan, subject, final, fitted, self._exporter.measured(final),
             corrections=max(self._tries - 1, 0), found=final.found,
         )  # fmt: skip
-        if self._ends() or not self._trials.wants_gaussians(trial):
+        aim = plan.aim
+        is_met = aim and aim.is_met_by(aim.score(alone.measured.raster, subject.photo))
+        if self._ends() or is_met or not self._trials.wants_gaussians(trial):
             return self._judged(alone)
         start = subject.start
         start = None if start is None else start.select(start.level == ABOVE) or None
@@ -214,25 +185,22 @@ class ByAreas:
             plan = dataclasses.replace(plan, options=options)
         both = ByCount(plan, above, run).run()
         above.release()
-        is_closer = self._psnr(both) >= self._psnr(alone) + 0.02 or self._plan.aim is not None
+        is_closer = self._psnr(both) >= self._psnr(alone) + 0.02 or aim is not None
         if alone.file.size <= self._limit and not is_closer:
-            fitted = alone.fitted.after(both.fitted, run.end_reason(reason))
-            alone = dataclasses.replace(alone, fitted=fitted)
-            return self._judged(alone)
+            fitted = fitted.after(both.fitted, run.end_reason(reason))
+            return self._judged(dataclasses.replace(alone, fitted=fitted))
         fitted = both.fitted.after(fitted, both.fitted.stop_reason)
         corrections = both.corrections + alone.corrections
         both = dataclasses.replace(
             both, subject=subject, found=trial.found, fitted=fitted, corrections=corrections
         )
-        if self._plan.aim is None:
-            both = max(both, self._recolored(both), key=self._psnr)
         return self._judged(both)
 
     def _decode(self) -> None:
         """Take out of the picture what JPEG and a filter changed, as its areas tell."""
         noise, noisy, quality = 0.45 * self._noise, self._noisy, self._quality
         code = None if quality is None else lambda drawn: coded(drawn, quality, noisy)
-        for k in range(DECODINGS):
+        for k in range(2):  # the areas of what is left are closer
             found = self._found(self._areas)
             if self._ends() or found.drawing is None:
                 return
@@ -259,11 +227,12 @@ class ByAreas:
     def _ink(self, inks: str) -> None:
         """Draw the picture in inks, in which areas are then found.
 
-        A picture that areas do not explain, such as a photo in a drawing, gets no areas.
+        A picture of which areas draw less than nine tenths, such as a photo in a drawing, gets no
+        areas, because it would have bands.
         """
         width, height = self._subject.size
         found = self._so_far = self._found(self._areas)
-        self._is_lost |= found.explained < LEAST_EXPLAINED and self._most_cores is not None
+        self._is_lost |= found.explained < 0.9 and self._most_cores is not None
         if not self._is_lost:
             picture = picture_in_inks(found, inks, width, height)
             self._subject = dataclasses.replace(self._subject, working=picture)
@@ -271,15 +240,12 @@ class ByAreas:
 
     def _judged(self, outcome: Outcome) -> Outcome:
         """Return an outcome that knows whether shapes alone may be closer."""
-        plan, unsure, trials = self._plan, self._is_lost, self._trials
-        asked = plan.preset.stop_psnr - ENOUGH.too_little
+        plan, unsure, psnr = self._plan, self._is_lost, self._psnr(outcome)
         is_limited = self._limit < math.inf or plan.aim is not None
         # With a time limit, no time is left for two searches, and a preset asks for no more.
-        psnr = self._psnr(outcome)
-        is_sure = plan.goal.time_limit is not None or (not is_limited and psnr >= asked)
-        if not (unsure or is_sure or self._run.ended):
-            error = trials.values * portable.power(10, -psnr / 10)
-            unsure = trials.is_visible(error) and trials.shapes_win(outcome.file.size, error)
+        is_enough = not is_limited and psnr >= plan.preset.stop_psnr - ENOUGH.too_little
+        if not (unsure or is_enough or plan.goal.time_limit is not None or self._run.ended):
+            unsure = self._trials.shapes_win(outcome.file.size, psnr)
         return dataclasses.replace(outcome, unsure=unsure)
 
     def _psnr(self, outcome: Outcome) -> float:
@@ -289,30 +255,13 @@ class ByAreas:
         working = self._subject.working
         return model_psnr(outcome.file.scene, working, self._subject.weight(working))
 
-    def _recolored(self, both: Outcome) -> Outcome:
-        """Return an outcome with solved colours of its areas, or itself if that is too large."""
-        scene = with_solved_colors(both.file.scene, self._subject.working)
-        file = self._exporter.written(scene, both.file.format)
-        return both if file.size > self._limit else self._with_file(both, file)
-
-    def _with_file(self, outcome: Outcome, file: Export) -> Outcome:
-        return dataclasses.replace(outcome, file=file, measured=self._exporter.measured(file))
-
     def _glance(self, error: float, edges: int) -> None:
-        """End the search for areas if shapes alone may be closer before outlines are found.
-
-        The picture then has shading or a photo, which areas imitate by strips.
-        """
-        error *= UNREFINED
-        if self._trials.is_visible(error):
-            self._first_size = EDGE_BYTES * edges
-            self._has_strips = self._trials.shapes_win(self._first_size, error)
+        """End the search for areas if shapes alone may be closer before outlines are found."""
+        # Refined areas have .4 of the error, and take 4 bytes for each px of their edges.
+        psnr = -10 * portable.log10(max(0.4 * error / self._trials.values, 1e-12))
+        self._has_strips = self._trials.shapes_win(4.0 * edges, psnr)
         if self._has_strips:
             raise _StripsError
-
-    def _loses(self, found: FoundAreas) -> bool:
-        self._is_lost = self._trials.lose(found, self._first_size)
-        return self._is_lost
 
     def _rastered(self, trial: Trial) -> Trial:
         """Return a trial whose areas are fitted to what resvg draws.
@@ -338,13 +287,13 @@ class ByAreas:
         if areas is found.areas:
             return trial
         new = self._with_areas(trial, areas)
-        worse = has_shapes and self._raster_psnr(new.export) < self._raster_psnr(trial.export)
-        return trial if worse or new.export.size > self._limit else new
+        worse = has_shapes and self._raster_psnr(new.svg) < self._raster_psnr(trial.svg)
+        return trial if worse or new.size > self._limit else new
 
     def _with_areas(self, trial: Trial, areas: tuple[Area, ...]) -> Trial:
         """Return a trial with other areas, and without Gaussians."""
         scene = trial.ground.select([]).replace(areas=areas)
-        return dataclasses.replace(trial, ground=scene, export=self._exporter.unscored(scene))
+        return dataclasses.replace(trial, ground=scene, **vars(self._exporter.unscored(scene)))
 
     def _steady(self, trial: Trial) -> Trial:
         """Return a trial whose areas are those of the start where these draw the same."""
@@ -355,19 +304,18 @@ class ByAreas:
 
         def error_of(areas: tuple[Area, ...]) -> float:
             export = self._exporter.unscored(ground.replace(areas=areas))
-            error = portable.power(10, -self._raster_psnr(export) / 10)
+            error = portable.power(10, -self._raster_psnr(export.svg) / 10)
             return math.inf if export.size > self._limit else values * error
 
         return self._with_areas(trial, kept(ground.areas, start.areas, error_of))
 
-    def _raster_psnr(self, export: Export) -> float:
+    def _raster_psnr(self, svg: str) -> float:
         """Return the PSNR (dB) of the raster of a file against the photo."""
-        return self._subject.psnr(self._exporter.raster(export.svg), self._subject.photo)
+        return self._subject.psnr(self._exporter.raster(svg), self._subject.photo)
 
     def _best(self) -> Trial | None:
         """Return the trial whose areas the file gets, or None if it gets no areas."""
-        first = self._found(self._searched, self._so_far)
-        start = self._scaled_start()
+        first, start = self._found(self._searched, self._so_far), self._scaled_start()
         if start is not None and not self._ends():
             start = start.replace(areas=first.areas)
             if model_psnr(start, self._subject.working) < SEEN_UP_TO:
@@ -377,111 +325,67 @@ class ByAreas:
         self._is_lost |= self._has_strips and self._ends()
         if self._is_lost:
             return None
-        trials, is_shaded = list[Trial](), self._has_strips
-        is_limited = self._limit < math.inf
-        if not is_shaded:
-            trials = [self._trials.trial(first)]
-            # At a PSNR below 25 dB, narrow bands of inks seem to be a gradient of one.
-            far = portable.power(10, -2.5) * self._trials.values
-            if self._plan.in_inks and trials[0].error > far:
-                self._is_lost = True
-                return None
-            is_seen = self._fills and self._trials.is_visible(trials[0].error)
-            is_shaded = trials[0].shaded or is_seen
-        if self._subject.start is not None and not self._ends():
-            merged = self._trials.trial(self._coarser(trials[0], self._rate))
-            if merged.export.size < FEWER * trials[0].export.size:
+        if self._has_strips:
+            shaded = self._trials.trial(self._found(lambda p: self._areas(p, shaded=True)))
+            return shaded if shaded.size <= self._limit else self._cut(shaded, True)
+        trials = [self._trials.trial(first)]
+        # At a PSNR below 25 dB, narrow bands of inks seem to be a gradient of one.
+        if self._plan.in_inks and trials[0].error > portable.power(10, -2.5) * self._trials.values:
+            self._is_lost = True
+            return None
+        has_start = self._subject.start is not None
+        if has_start and not self._ends():
+            merged = self._trials.trial(self._coarser(first, self._rate))
+            if merged.size < FEWER * trials[0].size:
                 trials.append(merged)
-        if not is_limited and self._plan.aim is None:
-            # Only fewer areas would go on from the drawings, which take much memory.
-            trials = [
-                dataclasses.replace(one, found=dataclasses.replace(one.found, drawing=None))
-                for one in trials
-            ]
-        if is_shaded and self._subject.start is None and not self._ends():
-            count = math.inf if self._has_strips else len(first.areas)
-            so_far = None if self._has_strips else first
-            # In a limit, a trial of many shapes is closer than their file. So files are compared.
-            loses = self._loses if self._has_strips and not self._fills else None
-            with suppress(_NoFewerError):
-                found = self._found(lambda p: self._unshaded(p, count), so_far, loses)
-                if self._is_lost:
-                    return None
+        if self._limit == math.inf:
+            # Only fewer areas would go on from the drawing, which takes much memory.
+            found = dataclasses.replace(first, drawing=None)
+            trials[0] = dataclasses.replace(trials[0], found=found)
+        is_seen = self._fills and self._trials.is_visible(trials[0].error)
+        is_shaded = (trials[0].shaded or is_seen) and not has_start
+        if is_shaded and not self._ends():
+            few = FEWER * len(first.areas)
+            found = self._found(
+                lambda p: self._areas(p, shaded=True), first, lambda new: len(new.areas) > few
+            )
+            if len(found.areas) <= few:
                 trial = self._trials.trial(found)
                 trials.append(dataclasses.replace(trial, cost=trial.cost / STRIPS))
-        within = [trial for trial in trials if trial.export.size <= self._limit]
-        if not within:
-            finest = min(trials, key=lambda trial: trial.export.size)
-            return self._cut(finest, finest is not trials[0])
-        best = min(within, key=lambda trial: trial.cost)
-        rate = self._rate
-        while best.is_met and self._tries < TRIES and not self._ends():
-            rate *= LESS
-            trial = self._trials.trial(self._coarser(best, rate))
-            if not trial.is_met:
-                break
-            best = trial
-        return best
-
-    def _unshaded(self, progress: Progress, count: float) -> FoundAreas:
-        """Return the areas of the picture without its shading.
-
-        Raise _NoFewerError before they are refined if there are hardly fewer than `count`.
-        """
-        is_new = True
-
-        def checked(done: float, present: Callable[[], FoundAreas] | None) -> None:
-            nonlocal is_new
-            if present is not None and is_new:
-                is_new = False
-                if len(present().areas) > FEWER * count:
-                    raise _NoFewerError
-            progress(done, present)
-
-        return self._areas(checked, shaded=True)
+        within = [trial for trial in trials if trial.size <= self._limit]
+        if within:
+            return min(within, key=lambda trial: trial.cost)
+        finest = min(trials, key=lambda trial: trial.size)
+        return self._cut(finest, finest is not trials[0])
 
     def _cut(self, finest: Trial, shaded: bool) -> Trial:
-        """Return the best trial within the limit of bytes, which `finest` exceeds.
+        """Return a trial that fills the limit of bytes, which `finest` exceeds.
+
+        Areas are found anew at each rate, because more thin parts are lines if bytes are dear. Only
+        the areas of a start are kept.
 
         shaded  whether shading was left to Gaussians when `finest` was found
         """
-        best, rate, self._is_cut = None, self._rate, True
-        # The highest rate of a file beyond the limit, and the lowest one of a file within it.
-        low, high = self._rate, math.inf
-        rises = False  # whether Gaussians may draw visible errors in the bytes of further areas
-        while self._tries < (2 * TRIES if best is None else TRIES) and not self._ends():
-            if rises:
-                rate *= LESS
-            elif high < math.inf:
-                rate = math.sqrt(low * high)
+        self._is_cut, last = True, self._tries + 6
+
+        def write(step: int) -> Trial:
+            if not step or self._ends():
+                return self._trials.in_short() if self._ends() else self._trials.blank()
+            rate, found = self._rate * 2.0 ** (STEPS_OF_RATE - step), finest.found
+            if self._subject.start is not None:
+                found = self._coarser(found, rate)
             else:
-                raised = portable.power(finest.export.size / self._limit, STEEPNESS)
-                rate *= min(max(raised, 3.0), 300.0)
-            trial = self._trials.trial(self._dearer(finest, rate, shaded))
-            if trial.export.size > self._limit:
-                low, finest = rate, trial
-                continue
-            is_better = best is None or trial.cost < best.cost
-            if is_better:
-                best, high = trial, rate
-            is_shaded = trial.expected < SHADED * trial.error and bool(trial.found.areas)
-            rises = is_better and is_shaded and self._trials.is_visible(trial.expected)
-            if not is_better or (trial.export.size > 0.9 * self._limit and not rises):
-                break
-        return best or self._trials.trial(nothing(self._subject.working))
+                found = self._found(lambda p: self._areas(p, rate, shaded), found)
+            return self._trials.trial(found, 0)
 
-    def _dearer(self, trial: Trial, rate: float, shaded: bool) -> FoundAreas:
-        """Return areas for a higher rate than those of `trial` were found for.
+        def goes_on() -> bool:
+            return self._tries < last and not self._ends()
 
-        They are found anew, because more thin parts are lines if bytes are dear. Only the areas of
-        a start are kept.
-        """
-        if self._subject.start is not None:
-            return self._coarser(trial, rate)
-        return self._found(lambda p: self._areas(p, rate, shaded), trial.found)
+        empty, whole = (0, self._exporter.empty_bytes), (STEPS_OF_RATE, finest)
+        best = filled(write, empty, whole, self._limit, goes_on)
+        return self._trials.trial(best.found) if best.found.areas else best
 
-    def _coarser(self, trial: Trial, rate: float) -> FoundAreas:
-        found = trial.found
+    def _coarser(self, found: FoundAreas, rate: float) -> FoundAreas:
         drawing, taken = found.drawing, (found.find_s, found.refine_s)
         assert drawing is not None
         return self._found(lambda p: refined(drawing, rate, self._unit, p, 0, *taken), found)
@@ -504,7 +408,8 @@ class ByAreas:
         ends_with  function that tells of the first areas whether the search ends with them
         """
         run, newest, begun = self._run, so_far, time.perf_counter()
-        due, latest, is_first = 0.0, begun + FIND_SHARE * (run.budget.fit_ends() - begun), True
+        # The first areas must be found in half of the time for fitting.
+        due, latest, is_first = 0.0, begun + 0.5 * (run.budget.fit_ends() - begun), True
 
         def progress(done: float, present: Callable[[], FoundAreas] | None) -> None:
             nonlocal newest, due, is_first

@@ -41,22 +41,9 @@ from gauss2svg.fit.colors import solved_colors
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, psnr_of, shrunk, views
-from gauss2svg.pipeline.outcome import (
-    Export,
-    Outcome,
-    Subject,
-    filled,
-    limit_error,
-    scaled_to,
-)
+from gauss2svg.pipeline.outcome import Export, Outcome, Subject, filled, limit_error, scaled_to
 from gauss2svg.pipeline.palette import Rows
-from gauss2svg.pipeline.plan import (
-    INDISTINGUISHABLE,
-    SHAPE_BYTES,
-    SHAPE_GZIPPED_BYTES,
-    WHOLE_SIDE,
-    Plan,
-)
+from gauss2svg.pipeline.plan import INDISTINGUISHABLE, SHAPE_BYTES, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import color_weights
@@ -68,36 +55,10 @@ from gauss2svg.svg.minimal import HEX_DIGITS, as_written, minimal_svg, whole_uni
 
 # Exponents that soft shapes may have. All other shapes are plain ellipses.
 Exponents = tuple[float, ...]
-BytesOf = Callable[[str], int]
 
-# Each pair is a size in bytes and a tuple of exponents. Soft shapes may have the exponents of the
-# first pair whose size is at most the limit. Small files have few exponents, because the definition
-# of each exponent takes bytes.
-EXPONENTS = (6000, BETA_CLASSES), (2200, (1.0, 3.0)), (0, (3.0,))
 DEFINITION = 5  # an exponent's definition takes as many bytes as this number of shapes
-# A fit has more shapes than fit into the limit: this multiple of their number. The least useful
-# ones are left out of the file.
-SPARE = 1.03
-# If the limit in bytes is below this, every second fit has only plain ellipses.
-PLAIN_UNDER = 900
-# If at most this number of shapes fits into the limit, there are 3 fits, and each is written with 2
-# grids. If more shapes fit, there are 2 fits, and each is written with 1 grid.
-FEW_UP_TO = 60
 ITERATIONS = 200  # number of steps of a fit
-
-# Each pair is for one fit: the way in which shapes are placed, and a factor on the learning rate.
-FITS = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
-
-# The next three numbers decide the unit of a small file's coordinates (docs/decisions/small.md).
-# The number of units along the longest side is the square root of the number of Gaussians,
-# multiplied by this number.
-UNITS_PER_ROOT = 32.0
-# Smallest number of units along the shortest side. With fewer, the shapes of a long and thin
-# picture would be under half a unit thick, and would not be drawn.
-LEAST_ACROSS = 8
-# To make both sides whole numbers of units, the number of units may be raised by at most this
-# factor.
-MOST_FINER = 10
+SIDE = 256  # px of the longest side of the largest picture that is fitted, unless it is flat
 
 
 class ByBytes:
@@ -113,14 +74,18 @@ class ByBytes:
     """
 
     def __init__(
-        self, plan: Plan, subject: Subject, run: Run, bytes_of: BytesOf | None = None
+        self,
+        plan: Plan,
+        subject: Subject,
+        run: Run,
+        bytes_of: Callable[[str], int] | None = None,
     ) -> None:
         assert plan.goal.byte_limit is not None
         self._plan, self._run, self._limit = plan, run, plan.goal.byte_limit
         self._bytes_of = bytes_of or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
         # A flat file needs only the mean colour.
         self.subject = dataclasses.replace(subject, working=shrunk(subject.photo, 1, 1))
-        self.fits, self._format = list[FitResult](), plan.format_at()
+        self.fits = list[FitResult]()
         empty = Scene(*subject.canvas, transparent=has_alpha(subject.photo))
         unit = whole_unit(*subject.canvas)
         flat = [self._file(empty, unit, digits) for digits in HEX_DIGITS]
@@ -144,15 +109,18 @@ class ByBytes:
         # The edges of a flat picture are crisp. So it is fitted at 640 px, in more steps, with
         # plain ellipses alone, and written in finer units (docs/decisions/small.md).
         self._is_flat = learned and flat_share(photo) >= 0.4
-        exponents = next(classes for least, classes in EXPONENTS if self._limit >= least)
-        exponents = () if self._is_flat else exponents
-        self._exponents: Exponents = exponents if learned else (1.0,)
-        count = self._shape_bytes / self._expected(exponents)
-        few = count <= FEW_UP_TO
-        # px of the working picture's longest side
-        side = min(max(12 * math.sqrt(max(count, 1)), 96), WHOLE_SIDE)
-        self._fits_to_do = FITS if few else FITS[:2]
+        # The definition of an exponent takes bytes, so small files have few of them.
+        soft = (1.0, 3.0) if self._limit >= 2200 else (3.0,)
+        soft = () if self._is_flat else soft if learned else (1.0,)
+        plain = () if learned and self._limit < 900 else soft
+        count = self._shape_bytes / self._expected(soft)
+        few = count <= 60
+        # Each fit has a way in which shapes are placed, a factor on the learning rate, and
+        # exponents. The best of several short fits is better than a long one.
+        fits = [("selective", 1.0, plain), ("error", 1.0, soft), ("selective", 1.5, plain)]
+        self._fits_to_do = fits if few else fits[:2]
         self._grids = (1.2, 0.8) if few else (1.0,)
+        side = min(max(12 * math.sqrt(max(count, 1)), 96), SIDE)
         if self._is_flat:
             side, self._grids = 640, tuple(3 * grid for grid in self._grids)
         side *= elongation(*canvas)
@@ -162,7 +130,6 @@ class ByBytes:
         caps = [math.prod(self.subject.size), self._plan.goal.count]
         caps += [self._plan.preset.cap] if self._plan.goal.quality is not None else []
         self._most = min(cap for cap in caps if cap is not None)
-        self._alternates = learned and self._limit < PLAIN_UNDER
 
     def run(self) -> Outcome:
         """Search for the best file, and return it with its measurements."""
@@ -175,8 +142,7 @@ class ByBytes:
 
     def file(self) -> Export:
         """Search for the best file, and return it."""
-        for k, (init, rate) in enumerate(self._fits_to_do):
-            exponents = () if self._alternates and k % 2 == 0 else self._exponents
+        for init, rate, exponents in self._fits_to_do:
             if self.best.score > INDISTINGUISHABLE or not self._most or self._stop():
                 break
             fitted = self._fit(self._count(exponents), init, exponents, rate)
@@ -209,7 +175,7 @@ class ByBytes:
     def _expected(self, exponents: Exponents) -> float:
         """Return the bytes that a shape usually takes, without regard to files of this search."""
         gzipped = self._plan.counts_gzipped
-        soft, plain = SHAPE_GZIPPED_BYTES if gzipped else SHAPE_BYTES
+        soft, plain = (22, 20) if gzipped else SHAPE_BYTES
         return soft if exponents else plain
 
     def _count(self, exponents: Exponents) -> int:
@@ -222,7 +188,8 @@ class ByBytes:
         # useful ones are left out. So a shape is never assumed to take more than the expected
         # bytes, even if it did so in the last file.
         each = min(self._each.get(exponents, expected), expected)
-        count = SPARE * self._shape_bytes / each - DEFINITION * len(exponents)
+        # The least useful of 3 % more shapes are left out of the file.
+        count = 1.03 * self._shape_bytes / each - DEFINITION * len(exponents)
         return int(min(max(count, 1), self._most))
 
     def _fit(self, count: int, init: str, exponents: Exponents, rate: float) -> Scene:
@@ -243,10 +210,10 @@ class ByBytes:
         )
 
         def progress(now: FitProgress) -> None:
-            before = min(len(self.fits), len(self._fits_to_do) - 1)
-            later_s = (len(self._fits_to_do) - 1 - before) * (now.elapsed_s + now.remaining_s)
-            rest_s, done = now.remaining_s + later_s, (before + now.done) / len(self._fits_to_do)
-            self._run.notify("fit", dataclasses.replace(now, done=done, remaining_s=rest_s))
+            fits = len(self._fits_to_do)
+            done = (min(len(self.fits), fits - 1) + now.done) / fits
+            left_s = now.elapsed_s * (1 - done) * fits
+            self._run.notify("fit", dataclasses.replace(now, done=done, remaining_s=left_s))
 
         session = FitSession(
             subject.target(tune),
@@ -278,7 +245,7 @@ class ByBytes:
             unit = unit_of(grid, len(fitted), self.subject.canvas)
             write = partial(write_in, unit, digits)
             whole = write(len(fitted))
-            file = filled(write, (0, self.flat.size), whole, self._limit)
+            file = filled(write, (0, self.flat.size), (len(fitted), whole), self._limit)
             if best is self.flat or file.score > best.score:
                 shapes = len(fitted) + DEFINITION * len(exponents)
                 each = (whole.size - self.flat.size) / shapes
@@ -295,7 +262,7 @@ class ByBytes:
         subject = self.subject
         scene, error = recolored(scene, subject.working, digits, subject.weight(subject.working))
         svg = minimal_svg(scene, unit, digits, subject.document)
-        return Export(scene, svg, self._format, self._bytes_of(svg), psnr_of(error))
+        return Export(scene, svg, self._plan.format, self._bytes_of(svg), psnr_of(error))
 
     def _rastered(self, file: Export) -> Export:
         """Return a file with the PSNR of its raster in place of that of its model."""
@@ -306,7 +273,7 @@ class ByBytes:
 
 def flat_share(pixels: NDArray[np.float32]) -> float:
     """Return the share of pixels (h, w, c) that have one of the 4 most frequent 8-bit colours."""
-    down, across = (max(1, side // WHOLE_SIDE) for side in pixels.shape[:2])
+    down, across = (max(1, side // SIDE) for side in pixels.shape[:2])
     levels = np.round(pixels[::down, ::across] * 255).astype(np.int64)
     numbers = levels @ 256 ** np.arange(pixels.shape[2])
     counts = np.sort(np.unique(numbers, return_counts=True)[1])
@@ -334,14 +301,15 @@ def unit_of(grid: float, count: int, canvas: Size) -> float:
     grid  factor on the usual number of units along a side. The larger it is, the smaller is the
           unit
     The unit is chosen so that both sides of the canvas are whole numbers of units, because the file
-    then needs no width and height. But if this takes more than MOST_FINER times as many units as
-    wanted, only the longest side is a whole number of units.
+    then needs no width and height. But if this takes more than ten times as many units as wanted,
+    only the longest side is a whole number of units (docs/decisions/small.md).
     """
     longest, shortest = max(canvas), min(canvas)
-    units = math.ceil(grid * UNITS_PER_ROOT * math.sqrt(max(count, 1)))
-    units = max(units, math.ceil(LEAST_ACROSS * longest / shortest))
+    units = math.ceil(grid * 32 * math.sqrt(max(count, 1)))
+    # With fewer than 8 units across, the shapes of a strip would be too thin to be drawn.
+    units = max(units, math.ceil(8 * longest / shortest))
     unit = whole_unit(*canvas, units)
-    return unit if longest / unit <= MOST_FINER * units else longest / units
+    return unit if longest / unit <= 10 * units else longest / units
 
 
 def recolored(

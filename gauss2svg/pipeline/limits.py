@@ -41,8 +41,8 @@ from gauss2svg.fit import schedule
 from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.measure import PSNR, Search
 from gauss2svg.pipeline.budgets import TimeBudget
-from gauss2svg.pipeline.outcome import Export, Exporter
-from gauss2svg.pipeline.plan import CAP_FOR_TARGET, GZIPPED_SHARE, USUAL_BYTES, Aim, Plan
+from gauss2svg.pipeline.outcome import FULL, Export, Exporter
+from gauss2svg.pipeline.plan import CAP_FOR_TARGET, GZIP, USUAL_BYTES, Aim, Plan
 
 FIRST_ROUND = 8  # number of Gaussians in the first round of growth
 # A round of growth has too few steps to converge. At its end, its new Gaussians have gained only
@@ -55,39 +55,16 @@ GAIN_OF_A_ROUND = 0.72
 CONVERGES_ABOVE = 16.5  # dB
 CONVERGES_AFTER_ROUND = 0.28
 CONVERGES_AFTER = 0.055, 0.034, 0.029
-MOST_CHANGE = 0.3  # largest change of the count at one adjustment, as a share of the count
-# The time that is left is enough for a certain number of Gaussians. Refinement removes Gaussians
-# for lack of time only if there are more than this multiple of that number.
-TOO_MANY = 2.0
-LEAP = 4  # growth leaps only if the leap multiplies the count by more than this
 
-# How many Gaussians fit into a limit of bytes (docs/decisions/markup.md). Growth measures the bytes
-# of a shape as soon as there are at least this many Gaussians, and again whenever the number of
-# Gaussians has risen to MEASURED_AGAIN times the number at the last measurement.
-MEASURED_FROM = 200
-MEASURED_AGAIN = 3
-# Growth aims at this multiple of the limit. The least useful Gaussians are pruned later.
-OVERFILL_GROWING = 1.25
-OVERFILL_REFINING = 1.04  # refinement aims at this multiple until the Gaussians are quantised
-
-# Corrections of the count (docs/decisions/monotone.md and numbers.md).
-FULL = 0.985  # a file is full if it has more than this share of the allowed bytes
 # A file that is too large is pruned until it fits, but only if it has at most this multiple of the
 # allowed bytes. Otherwise the fit goes on with fewer Gaussians, and another file is written.
 TOO_LARGE = 1.1
-# A preset aims at its stop_psnr, with these tolerances. The PSNRs of two presets differ by at least
-# 4 dB. This is more than too_little + too_good, so a preset never accepts a result that is worse
-# than one that a cheaper preset accepts.
+# A preset aims at its stop_psnr, with these tolerances. The PSNRs of two presets differ by more
+# than too_little + too_good, so a preset never accepts a result that is worse than one that a
+# cheaper preset accepts (docs/decisions/monotone.md).
 ENOUGH = Search(
     tolerance=0.8, margin=0.0, too_little=0.8, too_good=3.0, slope=None, slopes=(1.5, 12.0)
 )
-# Corrections for a preset do not reduce the count below this, because so few shapes take only a
-# kilobyte or two, and the loss of each would be visible.
-LEAST_REDUCED = 16
-# Several small changes of the count give a better result than a single large one. So a correction
-# changes the count by at most MOST_CORRECTED doublings or halvings. A correction that aims at the
-# PSNR of a preset, and not at a target, reduces the count by at most MOST_REDUCED halvings.
-MOST_CORRECTED, MOST_REDUCED = 2.0, 0.5
 
 
 class Limits(DensificationPolicy):
@@ -96,12 +73,6 @@ class Limits(DensificationPolicy):
     If a doubling of the count gains s dB, and a Gaussian takes k kilobytes, then one more kilobyte
     gains s / (n k ln 2) dB if there are n Gaussians. A preset demands a gain, and growth aims at
     the count n at which the gain falls to it.
-
-    If this count is small, growth leaps once, to a fourth of the smallest count that another limit
-    allows. Pictures such as checkerboards need this, because the first squares that are drawn gain
-    next to nothing, and the last ones nearly everything. If the leap gains as much as the preset
-    demands, growth goes on to the count at which the squared error would vanish if each Gaussian
-    removed as much of it as in the leap. Otherwise growth goes back to the count before the leap.
 
     expected     largest count that the fit may end with, as far as it is known before the fit
     slope        dB that a doubling of the count gains
@@ -112,8 +83,7 @@ class Limits(DensificationPolicy):
     def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
         self._plan, self._exporter, self._budget = plan, exporter, budget
         goal, aim = plan.goal, plan.aim
-        usual = plan.shape_bytes
-        self._bytes_each = usual * (GZIPPED_SHARE if plan.counts_gzipped else 1.0)
+        self._bytes_each = plan.shape_bytes / (GZIP if plan.counts_gzipped else 1)
         # A Gaussian has nine numbers, as three pixels have. With a budget, two are enough.
         each = 2 if plan.is_budget else 3
         cap = min(plan.preset.cap, max(1, pixels // each))
@@ -139,12 +109,9 @@ class Limits(DensificationPolicy):
         # Gaussians are added only as long as each one gains at least this many dB. It is 0 with a
         # target, a given count, a limit of bytes or a budget, because one of these alone then
         # decides the count.
-        self.least_gain = 0.0 if aim or is_limited else plan.preset.gain * (usual / 1000)
-        # Above areas, a byte of a shape must save as much squared error as one of an area.
-        decides = aim or goal.byte_limit is not None or goal.count is not None
-        self._least_saved = 0.0 if decides else plan.rate * usual / (3 * pixels)
-        self._rate_gain = 0.0  # dB that a shape above areas must gain at the present PSNR
-        self._usual_gain = plan.preset.gain * (USUAL_BYTES / 1000)
+        usual = plan.preset.gain * min(plan.shape_bytes, USUAL_BYTES) / 1000
+        self.least_gain = self._gain = 0.0 if aim or is_limited else usual
+        self._least_saved = plan.rate * plan.shape_bytes / (3 * pixels)
         if plan.only_time_limits:
             self.expected = int(min(cap, budget.most_gaussians(0.0)))
             self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
@@ -155,38 +122,36 @@ class Limits(DensificationPolicy):
         self.is_additive = plan.options.svg.portable
         self._last: Snapshot | None = None
         self._before_leap: Snapshot | None = None
-        self._measured_from = MEASURED_FROM  # count at which growth measures the bytes of a shape
         # Largest count at which one more kilobyte still gains as many dB as the preset demands.
         self._paying_count = math.inf
         self._converges_above = CONVERGES_ABOVE
-        self._usual_count = 0.0  # the same above areas, if these are no closer than the preset asks
         self._aim = aim or Aim(PSNR, plan.stop_psnr, ENOUGH)  # score that corrections aim at
 
     def grow(self, now: Snapshot) -> int:
         """Return the count for the next round of growth, or the present count if growth ends.
 
-        The next count is usually twice the present one, or less if a limit does not allow so many
-        Gaussians. If growth leaps, the next count is much larger. If growth has just leapt and
-        gained too little by it, the next count is the one before the leap.
+        The next count is twice the present one, or less if a limit does not allow so many
+        Gaussians. If a round gains too little, growth leaps once, to a fourth of the count that
+        other limits allow, because the first squares of a checkerboard gain next to nothing. If the
+        leap gains too little as well, the next count is the one before it, and the most useful
+        Gaussians stay.
         """
         in_time, psnr = math.inf, now.psnr
         if self._plan.only_time_limits:
             in_time = self._budget.most_gaussians(now.done)
         elif now.late:
             in_time = max(now.count, 1)
-        counts = self._counts(now, in_time, now.psnr)
-        if self._least_saved:
-            self._rate_gain = 10 * portable.log10(
-                1 + self._least_saved * portable.power(10, now.psnr / 10)
-            )
-            # Pruning must not undo what the preset asks for.
-            is_close = now.psnr > self._plan.preset.stop_psnr + ENOUGH.too_good
-            self.least_gain = max(self._rate_gain if is_close else self._usual_gain, 1e-9)
+        counts = self._counts(now, in_time, psnr)
+        # Beyond the PSNR of the preset, a byte of a shape above areas must save as much squared
+        # error as one of an area.
+        if self.least_gain and self._least_saved and psnr > self._plan.preset.stop_psnr:
+            saved = self._least_saved * portable.power(10, psnr / 10)
+            self._gain = 10 * portable.log10(1 + saved)
         last, self._last = self._last, now
-        if last is None and self._plan.rate:
-            # Only shapes converge, and areas are drawn from the first step on.
-            self._converges_above = max(CONVERGES_ABOVE, now.psnr)
-        if last is not None:
+        if last is None:
+            # Only shapes converge. Areas are drawn from the first step on.
+            self._converges_above = max(CONVERGES_ABOVE, psnr)
+        else:
             psnr += CONVERGES_AFTER_ROUND * max(psnr - self._converges_above, 0.0)
             self._learn(now, last)
         wanted = self._wanted(now.count, psnr, counts)
@@ -194,12 +159,12 @@ class Limits(DensificationPolicy):
             return min(math.ceil(wanted), max(2 * now.count, self._first))
         if self.stop_reason == "gain":
             # Above areas, a leap may gain what the preset asks, but less than the price of a byte.
-            goes_back = not self._least_saved or wanted <= now.count / LEAP
+            goes_back = not self._least_saved or wanted <= now.count / 4
             if last is not None and last == self._before_leap and goes_back:
                 self._paying_count = last.count
                 return last.count
             leap = int(min(counts.values())) // 4
-            if self._before_leap is None and leap > LEAP * now.count:
+            if self._before_leap is None and leap > 4 * now.count:
                 self._before_leap = now
                 return leap
         return now.count
@@ -208,12 +173,12 @@ class Limits(DensificationPolicy):
         """Return the count with which the fit goes on.
 
         This method estimates which count the limits will allow at the end of the fit, and moves the
-        present count towards this estimate. The change is at most a share MOST_CHANGE of the
-        present count. The count is reduced by more only if it would otherwise exceed the cap or the
-        limit of bytes.
+        present count towards this estimate, by at most three tenths. The count is reduced by more
+        only if it would otherwise exceed the cap or the limit of bytes.
         """
-        least, most = (1 - MOST_CHANGE) * now.count, (1 + MOST_CHANGE) * now.count
-        in_time = max(TOO_MANY * self._budget.most_gaussians(now.done), least)
+        least, most = 0.7 * now.count, 1.3 * now.count
+        # Gaussians are removed for lack of time only if there are more than twice too many.
+        in_time = max(2 * self._budget.most_gaussians(now.done), least)
         if self._plan.only_time_limits:
             in_time = min(in_time, now.count)
         rate = CONVERGES_AFTER[max(bisect(ADJUST_AT, now.done) - 1, 0)]
@@ -244,8 +209,7 @@ class Limits(DensificationPolicy):
         """Return a dict of the counts that the cap, the time limit and the limit of bytes allow.
 
         Its keys are the names that these limits have as stop reasons in the report. If bytes are
-        limited, this function also measures how many bytes a shape takes: a few times during
-        growth, and on every call during refinement.
+        limited, this function also measures how many bytes a shape takes, from 200 shapes on.
 
         in_time  count that the time allows
         psnr     PSNR in dB that the fit will have when its palette is chosen, None if it has been
@@ -257,17 +221,14 @@ class Limits(DensificationPolicy):
         counts["time_limit"] = in_time
         if limit is not None:
             refines = now.done > schedule.GROWTH_SHARE
-            share = OVERFILL_REFINING if refines else OVERFILL_GROWING
-            # The bytes of a quantised scene hardly change in the last steps. With a target,
-            # Gaussians must not be pruned after the fit, because this would lower the score.
-            if psnr is None or self._plan.aim is not None:
-                share = 1.0
-            if refines or now.count >= self._measured_from:
-                self._measured_from = MEASURED_AGAIN * now.count
+            # The fit has more shapes than the file may have, and the least useful ones are pruned
+            # later. The bytes of a quantised scene hardly change in the last steps. With a target,
+            # pruning after the fit would lower the score.
+            is_last = psnr is None or self._plan.aim is not None
+            share = 1.0 if is_last else 1.04 if refines else 1.25
+            if refines or now.count >= 200:
                 scene = self._exporter.quantized(now.scene(), psnr)
-                self._bytes_each = self._exporter.bytes_each(
-                    scene, share * limit, now.psnr, keeps_gradients=psnr is None
-                )
+                self._bytes_each = self._exporter.bytes_each(scene)
             counts["max_bytes"] = self._in_bytes(share * limit)
         return counts
 
@@ -281,26 +242,23 @@ class Limits(DensificationPolicy):
         last  state before that round
         """
         gain = max(now.psnr - last.psnr, 0.0) / GAIN_OF_A_ROUND
-        added = now.count - last.count
         doublings = portable.log2(now.count / last.count) if last.count else 1.0
-        rise = gain / doublings
         # In a smaller round, most of the gain comes from convergence and not from new Gaussians.
         if doublings > 0.6:
-            self.slope = min(max(rise, 0.5), 8.0)
-        if self.least_gain:
+            self.slope = min(max(gain / doublings, 0.5), 8.0)
+        if self._gain:
             # At this count, one more kilobyte gains exactly as many dB as the preset demands.
-            self._paying_count = rise / ((self._rate_gain or self.least_gain) * portable.log(2))
-            if self._least_saved and self._usual_gain:
-                self._usual_count = rise / (self._usual_gain * portable.log(2))
-            if last == self._before_leap and gain >= (self._rate_gain or self.least_gain) * added:
+            self._paying_count = gain / doublings / (self._gain * portable.log(2))
+            added = now.count - last.count
+            if last == self._before_leap and gain >= self._gain * added:
+                # The error would vanish if each Gaussian removed as much of it as in the leap.
                 self._paying_count = last.count + added / (1 - portable.power(10, -gain / 10))
 
     def _wanted(self, count: int, psnr: float, counts: dict[str, float]) -> float:
         """Return the number of Gaussians from which on no more should be added.
 
-        There are several reasons to add no more Gaussians: the limits in `counts`, a PSNR that is
-        high enough, and a gain that is too small. A number of Gaussians is known for each reason.
-        Return the smallest of these numbers, and set `stop_reason` to its reason.
+        It is the smallest of those of the limits, of a PSNR that is high enough, and of a gain that
+        is too small. The smallest one gives the `stop_reason`.
 
         count   present number of Gaussians
         psnr    PSNR in dB that is expected with this number
@@ -309,11 +267,10 @@ class Limits(DensificationPolicy):
         needed = 0.0 if psnr >= self._psnr else math.inf
         if count:
             needed = count * portable.power(2, min((self._psnr - psnr) / self.slope, 60.0))
-        # Up to the PSNR of the preset, shapes above areas must gain no more than other shapes.
-        doublings = (self._plan.preset.stop_psnr - psnr) / self.slope
-        usual = min(self._usual_count, count * portable.power(2, min(doublings, 60.0)))
-        paying = max(self._paying_count, usual)
-        counts = {self._psnr_reason: needed, **counts, "gain": paying}
+        return self._least({self._psnr_reason: needed, **counts, "gain": self._paying_count})
+
+    def _least(self, counts: dict[str, float]) -> float:
+        """Return the smallest of several counts. Its reason is now the `stop_reason`."""
         self.stop_reason = min(counts, key=counts.__getitem__)
         return counts[self.stop_reason]
 
@@ -330,9 +287,9 @@ class Limits(DensificationPolicy):
         counts = {self._cap_reason: float(self._most), "time_limit": in_time}
         if limit is not None:
             counts["max_bytes"] = self._filling(limit, count, exports)
-            is_full = plan.aim is None and last.size > FULL * limit
-            if count and (is_full or last.size > TOO_LARGE * limit):
+            if count and last.size > (TOO_LARGE if plan.aim else FULL) * limit:
                 self.stop_reason = "max_bytes"
+                # A file that is little too large will be pruned.
                 is_pruned = last.size <= TOO_LARGE * limit
                 return count if is_pruned else int(min(counts["max_bytes"], count - 1))
         if not count:
@@ -340,14 +297,11 @@ class Limits(DensificationPolicy):
             return 0 if is_met else int(min(FIRST_ROUND, *counts.values()))
         needed = self._needed(count, exports)
         if needed == count:
-            # The file will be pruned until it is within the limit. So the limit is named as the
-            # reason for the count.
             if limit is not None and last.size > limit:
                 self.stop_reason = "max_bytes"
             return count
         counts = {"enough" if plan.aim is None else "iterations": needed, **counts}
-        self.stop_reason = min(counts, key=counts.__getitem__)
-        wanted = int(counts[self.stop_reason])
+        wanted = int(self._least(counts))
         if abs(wanted - count) <= 0.004 * count:
             return count
         if self._budget.must_export:
@@ -367,10 +321,10 @@ class Limits(DensificationPolicy):
         ended_before = excess < 0 and not is_aim and self.stop_reason != "enough"
         if ended_before or -search.too_little <= excess <= search.too_good:
             return count
+        # Several small changes of the count give a better result than a single large one
+        # (docs/decisions/monotone.md).
         doublings = (search.margin - excess) / self._slope(exports)
-        doublings = max(doublings, -MOST_CORRECTED if is_aim else -MOST_REDUCED)
-        needed = count * portable.power(2, min(doublings, MOST_CORRECTED))
-        return round(needed) if is_aim else math.ceil(max(needed, min(count, LEAST_REDUCED)))
+        return round(count * portable.power(2, min(max(doublings, -2.0 if is_aim else -0.5), 2.0)))
 
     def _filling(self, limit: int, count: int, exports: Sequence[Export]) -> int:
         """Return the count that is expected to fill the limit of bytes.
@@ -386,7 +340,7 @@ class Limits(DensificationPolicy):
             share = (limit - below.size) / (above.size - below.size)
             return int(len(below.scene) + share * (len(above.scene) - len(below.scene)))
         if count:
-            self._bytes_each = self._exporter.bytes_each(exports[-1].scene, limit)
+            self._bytes_each = self._exporter.bytes_each(exports[-1].scene)
         return self._in_bytes(limit)
 
     def _slope(self, exports: Sequence[Export]) -> float:

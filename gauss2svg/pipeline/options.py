@@ -112,8 +112,7 @@ class SvgOptions(OptionGroup):
 
     markup: Literal["auto", "editable", "minimal"] = "auto"
     """How the file is written. editable: named layers, for editors. minimal: only what draws, in
-    fewer bytes. auto: editable. With --max-bytes, auto takes the markup that is closer to the
-    picture."""
+    fewer bytes. auto: editable, or minimal with --max-bytes up to 200k."""
 
     areas: Literal["auto", "always", "never"] = "auto"
     """always: draw areas with crisp edges as paths, and thin lines as strokes, below the shapes.

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,8 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import ABOVE, Scene
-from gauss2svg.svg import MINIMAL, Document, SvgFormat
-from gauss2svg.svg.file import bytes_by_part, file_bytes
-from gauss2svg.svg.forms import is_plain
+from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
 if TYPE_CHECKING:
@@ -144,15 +143,10 @@ class Export:
 
 
 class Exporter:
-    """A writer that turns scenes on the working canvas into files for the photo, and scores them.
-
-    The format of the files depends on the highest PSNR that `as_written` has noted so far. So the
-    format never becomes coarser, and the bytes of successive files can be compared.
-    """
+    """A writer that turns scenes on the working canvas into files, and scores them."""
 
     def __init__(self, plan: Plan, subject: Subject) -> None:
         self._plan, self._subject = plan, subject
-        self._highest_psnr = -math.inf  # dB
         # Number of the Gaussians that each file has in its ground.
         self._in_ground = 0 if subject.ground is None else len(subject.ground)
         draw = partial(rasterize_like, picture=subject.photo, renderer=plan.options.run.renderer)
@@ -175,75 +169,34 @@ class Exporter:
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
-        """Quantise a scene whose PSNR is `psnr` dB, and return it on the working canvas.
-
-        The exporter notes the PSNR, because the format of the files depends on it.
-        """
+        """Quantise a scene whose PSNR is `psnr` dB, and return it on the working canvas."""
         written = self.quantized(scene, psnr)
-        self._highest_psnr = max(self._highest_psnr, psnr)
         return written.scaled(scene.width / written.width, scene.height / written.height)
 
-    def bytes_each(
-        self,
-        quantized: Scene,
-        size: float,
-        psnr: float = -math.inf,
-        keeps_gradients: bool = False,
-    ) -> float:
-        """Return the mean number of bytes per shape in a file of `size` bytes.
-
-        The shapes of the file are assumed to be like those of the scene `quantized`. A minimal file
-        with up to MOST_MASKED soft shapes draws all of them by masks, which take few bytes. If a
-        file has more soft shapes, fewer are drawn by masks: FADING fewer for each soft shape above
-        MOST_MASKED. The file draws its other soft shapes by gradients.
-
-        psnr             PSNR of the scene in dB. It may be left out if `as_written` has noted it
-        keeps_gradients  whether the file has all gradients of the scene, even if it has fewer or
-                         more shapes. A minimal file has so few that this makes no difference
-        """
-        document, count = self._subject.document, max(len(quantized) - self._in_ground, 1)
-        written = self._plan.format_at(max(psnr, self._highest_psnr))
-
-        def each(svg: str) -> float:
-            return max(self._size(svg) - self.empty_bytes, 1) / count
-
-        left = max(size - self.empty_bytes, 1)
-        if written.markup != MINIMAL:
-            mean = each(svg := write_svg(quantized, written, document))
-            if not keeps_gradients:
-                return mean
-            own = mean * (1 - bytes_by_part(svg)["gradients"] / len(svg))
-            return left / max(count + (left - count * mean) / own, 1)
-        from gauss2svg.svg.minimal import FADING, MOST_MASKED
-
-        masked, by_gradients = (
-            each(ordered_svg(quantized, written, document, masked)) for masked in (True, False)
-        )
-        most = MOST_MASKED * count / max(np.count_nonzero(~is_plain(quantized)), 1)
-        counts = most * np.array([0, 1, 1 + 1 / FADING, 1e6])
-        sizes = counts * [0, masked, by_gradients, by_gradients]
-        return left / float(np.interp(left, sizes, counts))
+    def bytes_each(self, quantized: Scene) -> float:
+        """Return the mean number of bytes that a shape of a scene takes in its file."""
+        size = self._size(write_svg(quantized, self._plan.format, self._subject.document))
+        return max(size - self.empty_bytes, 1) / max(len(quantized) - self._in_ground, 1)
 
     @cached_property
     def empty_bytes(self) -> int:
-        """Number of bytes of a file without Gaussians."""
+        """Number of bytes of a file without Gaussians above the ground."""
         canvas, ground = self._subject.canvas, self._subject.ground
         if ground is None:
             empty = Scene(*canvas, transparent=has_alpha(self._subject.photo))
         else:
             empty = ground.scaled(canvas[0] / ground.width, canvas[1] / ground.height)
-        return self._size(write_svg(empty, self._plan.format_at(), self._subject.document))
+        return self._size(write_svg(empty, self._plan.format, self._subject.document))
 
     def _size(self, svg: str) -> int:
         return len(file_bytes(svg, self._plan.counts_gzipped))
 
     def unscored(self, scene: Scene) -> Export:
         """Write a scene that is on the working canvas. The score of the export is NaN."""
-        form = self._plan.format_at(self._highest_psnr)
         # The fit has already given all shapes but the plain ellipses a colour of a palette. A shape
         # that was a plain ellipse at that time may be soft now, and its colour may not be in the
         # palette. So the scene is quantised once more.
-        return self.written(self.quantized(scene, None), form)
+        return self.written(self.quantized(scene, None), self._plan.format)
 
     def written(self, scene: Scene, form: SvgFormat) -> Export:
         """Write a quantised scene. Its shapes are then in the order of the file."""
@@ -281,36 +234,44 @@ class Exporter:
         def write(count: int) -> Export:
             return self.written(export.scene.select(np.sort(order[:count])), export.format)
 
-        best = filled(write, (self._in_ground, self.empty_bytes), export, limit)
+        best = filled(write, (self._in_ground, self.empty_bytes), (len(order), export), limit)
         return dataclasses.replace(best, score=self._score(best.scene, best.svg))
 
 
+FULL = 0.98  # a file is full if it has more than this share of the bytes that it may have
+
+
+_File = TypeVar("_File", bound=Export)
+
+
 def filled(
-    write: Callable[[int], Export], empty: tuple[int, int], whole: Export, limit: int
-) -> Export:
-    """Return the file of as many of the most useful shapes as a limit of bytes allows.
+    write: Callable[[int], _File],
+    least: tuple[int, int],
+    most: tuple[int, _File],
+    limit: float,
+    goes_on: Callable[[], bool] = lambda: True,
+) -> _File:
+    """Return a file that fills a limit of bytes.
 
-    A file that uses .995 of the limit is not enlarged further.
-
-    write  function that returns the file of so many of the most useful shapes
-    empty  number of shapes and bytes of a file that has no fewer. It is returned even if it has
-           more than `limit` bytes
-    whole  file of all shapes
+    write    function that returns the file for a number: of the most useful shapes that it has, or
+             of steps down in the price of a byte. Files for larger numbers have more bytes
+    least    smallest number, and the bytes of its file. It is returned even if it has more than
+             `limit` bytes
+    most     largest number, and its file
+    goes_on  function that tells whether a larger file is tried after one within the limit
     """
-    if whole.size <= limit:
-        return whole
-    # Each of these is a number of shapes and the bytes of their file. `fewer` is for the largest
-    # file so far within the limit, and `more` for the smallest file so far beyond it.
-    fewer, more, best = empty, (len(whole.scene), whole.size), None
-    while best is None or (best.size < 0.995 * limit and more[0] - fewer[0] > 1):
-        share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
-        count = int(fewer[0] + share * (more[0] - fewer[0]))
-        count = min(max(count, fewer[0] + (best is not None)), max(more[0] - 1, 0))
-        part = write(count)
-        if part.size > limit and count > empty[0]:
-            more = count, part.size
+    (fewer, size), (more, over) = least, (most[0], most[1].size)
+    if over <= limit:
+        return most[1]
+    best = None
+    while best is None or (best.size < FULL * limit and more - fewer > 1 and goes_on()):
+        count = int(fewer + (limit - size) / max(over - size, 1) * (more - fewer))
+        count = min(max(count, fewer + (best is not None)), max(more - 1, 0))
+        file = write(count)
+        if file.size > limit and count > least[0]:
+            more, over = count, file.size
         else:
-            fewer, best = (count, part.size), part
+            fewer, size, best = count, file.size, file
     return best
 
 

@@ -184,7 +184,7 @@ def placeholder(
         return len(getattr(Placeholder(svg, 1, 1, "", 0), bytes_of).encode())
 
     with watched(progress) as callback:
-        plan, run = Plan(options, by_bytes=True), Run(options.run, callback, stop)
+        plan, run = Plan(options), Run(options.run, callback, stop)
         photo = run.read(image, needed=_size_read)
         pixels = pixels_of(photo)
         subject, has_areas = Subject.of(pixels, photo.original_size), may_have_areas(pixels)

@@ -24,7 +24,6 @@ from gauss2svg.fit import (
     PSNR,
     DensifyOptions,
     FitConfig,
-    FitOptions,
     Tune,
 )
 from gauss2svg.measure import Score, Search, require_packages
@@ -36,23 +35,11 @@ from gauss2svg.scene.inks import LEAST_INKS, MOST_INKS, inks_of, printed_colors
 from gauss2svg.svg import EDITABLE, INKS, MINIMAL, ROUNDS, Markup, StopCount, SvgFormat
 from gauss2svg.svg.forms import GRADIENT
 
-# Bounds on the number of Gaussians and of pixels in a run with a limit (docs/decisions/time.md).
-MOST_GAUSSIANS_A_SECOND = 5000  # largest number of Gaussians per second of the time limit
-PIXELS_EACH_IN_LIMIT = 30  # a fit should have this many pixels for each shape that fits the limit
-# dB of PSNR that the palette may cost in a file of few bytes. The bytes are then spent on shapes,
-# which gain more than they do for a preset, whose palette saves bytes (docs/decisions/markup.md).
-COLOR_LOSS_IN_LIMIT = 1.0
-LEAST_CAP = 150  # however small the limit of bytes or seconds is, so many Gaussians are allowed
-
-# The next numbers say how many bytes a Gaussian takes in a file of editable markup, unless another
-# markup is named.
-USUAL_BYTES = 120  # bytes of an ellipse and its share of the palette (docs/decisions/numbers.md)
-GZIPPED_SHARE = 0.17  # compressed size as a share of the original (docs/decisions/numbers.md)
-BYTES_IN_LIMIT = 100  # bytes of an ellipse in a file that fills a limit (docs/decisions/time.md)
-BYTES_IN_INKS = 60  # bytes of an ellipse in a file with only a few inks (docs/decisions/inks.md)
-# Bytes that a soft shape and a plain ellipse take in minimal markup: first without compression,
-# then after gzip (docs/decisions/small.md).
-SHAPE_BYTES, SHAPE_GZIPPED_BYTES = (62, 44), (22, 20)
+# Bytes of an ellipse in an editable file, and of its share of the palette
+USUAL_BYTES = 120  # docs/decisions/numbers.md
+# Bytes of a soft shape and of a plain ellipse in minimal markup (docs/decisions/small.md).
+SHAPE_BYTES = 62, 44
+GZIP = 6  # bytes of a file before gzip, divided by its bytes after (docs/decisions/numbers.md)
 
 
 @dataclass(frozen=True)
@@ -102,15 +89,8 @@ FAINT_PSNR = 22.0
 FAINT_STOP = 46.0  # largest PSNR (dB) at which growth stops later for a faint photo
 
 CAP_FOR_TARGET = 50000  # largest number of Gaussians in a run with a target, for every preset
-# PSNR (dB) above which adding Gaussians makes no visible difference. An error of half a level of
-# 255 has 54.1 dB.
+# PSNR (dB) from which on nothing visible is gained: the error is less than half a level of 255.
 INDISTINGUISHABLE = 54.0
-# If the model's PSNR (dB) is above this, rounding the raster to 8 bits hides any further gain.
-NOTHING_TO_GAIN = 58.0
-# Pairs of a preset and a PSNR in dB. More digits are worth their bytes only if the PSNR is high. So
-# a file within a budget has the digits and stops of the first preset here whose PSNR it reaches.
-# FINE_FROM is for a budget of seconds alone, and FINE_BYTES_FROM for a budget with a byte limit.
-FINE_FROM, FINE_BYTES_FROM = (("max", 46.0), ("high", 40.0)), (("high", 44.0),)
 
 
 def faintness_of(pixels: NDArray[np.float32]) -> float:
@@ -121,80 +101,17 @@ def faintness_of(pixels: NDArray[np.float32]) -> float:
     return round(max(0.0, -10 * portable.log10(variance) - FAINT_PSNR), 1)
 
 
-def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = False) -> Preset:
-    """Return the preset for a budget of bytes, of seconds or of both.
-
-    max_bytes   largest size of the file before gzip in bytes, or None
-    time_limit  time limit in s, or None
-    inks        whether the shapes are opaque ellipses in a few inks
-    """
-    usual, finer, finest = PRESETS[DEFAULT_PRESET], PRESETS["high"], PRESETS["max"]
-    side, caps, steps = finest.max_size, [MOST_GAUSSIANS], usual.iterations
-    loss = usual.color_loss
-    if time_limit is not None:
-        caps.append(int(MOST_GAUSSIANS_A_SECOND * time_limit))
-    if max_bytes is not None:
-        # An ellipse takes at least this many bytes, in inks in minimal markup.
-        caps.append(max_bytes // (20 if inks else 60))
-        square = math.sqrt(PIXELS_EACH_IN_LIMIT * max_bytes / BYTES_IN_LIMIT)
-        side = round(min(max(square, usual.max_size), finest.max_size))
-        # A file of as many shapes as a preset allows is fitted in as many steps as by this preset.
-        loss = COLOR_LOSS_IN_LIMIT
-        counts, numbers = (usual.cap, finer.cap), (usual.iterations, finer.iterations)
-        steps = round(float(np.interp(max_bytes / BYTES_IN_LIMIT, counts, numbers)))
-    cap = max(LEAST_CAP, min(caps))
-    return dataclasses.replace(
-        usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, color_loss=loss, iterations=steps,
-        max_size=side,
-    )  # fmt: skip
-
-
-# Largest limit of bytes of a placeholder. In a search for a target, the option markup=auto means
-# minimal markup if the limit of bytes is at most this.
-MINIMAL_UP_TO = 20_000
-
-# The limit of bytes before gzip decides which searches run (docs/decisions/markup.md). A search by
-# bytes runs if this limit is at most BY_BYTES_UP_TO. It runs with every limit for a photo whose
-# longest side is at most WHOLE_SIDE px.
-BY_BYTES_UP_TO = 30_000
-WHOLE_SIDE = 256  # px. A search by bytes does not reduce a photo whose longest side is at most this
-# Below this limit, a search by count for minimal markup runs only if no search by bytes runs.
-MINIMAL_FROM = 8_000
-# With a smaller limit than this, a search for an editable file runs only if no other search runs.
-EDITABLE_FROM = 5_000
-UNASKED_UP_TO = 200_000  # auto markup is never minimal in a file of more bytes than this
-# If the limit is above this multiple of UNASKED_UP_TO, only an editable file is made. An editable
-# file is then always closer than a minimal one, which could have at most UNASKED_UP_TO bytes.
-EDITABLE_IS_CLOSER = 1.5
-GZIP = 6  # bytes of a file before gzip, divided by its bytes after (docs/decisions/minimal.md)
-# Fewer palette entries lower the PSNR even of a thousand Gaussians (docs/decisions/palette.md).
-FEWEST_COLORS = 192
-# Largest number of palette entries in a run with a budget. So many already cause less error than
-# rounding to 8 bits does, and it would take long to find more entries (docs/decisions/palette.md).
-MOST_COLORS = 4096
-# If the user gives the number of Gaussians, entries are left out of the palette as long as this
-# lowers the PSNR by at most this many dB (docs/decisions/palette.md).
-UNSEEN_COLOR_LOSS = 0.03
-# Largest mean squared error that a palette may add: a PSNR of 38 dB, or about three levels of 255.
-# Without this bound, a preset would allow eight levels in a coarse fit of foliage, and the hue of
-# sky and leaves would change (docs/decisions/palette.md).
-LARGEST_COLOR_ERROR = 1.6e-4
-# Numbers for a fit that only a time limit ends (docs/decisions/time.md).
-MOST_STEPS = 1000  # largest number of steps. More steps gain nothing
-STEPS_A_ROUND = 6  # few, because the time is better spent on steps in which all Gaussians exist
-# A cheaper preset is ignored if the longest side of the image is more than this times its max_size.
-NEARLY = 1.5
-PRECISION_OF_INKS = 0.1  # px. Files of inks round coordinates to this (docs/decisions/inks.md)
+# In the markup `auto`, files of limits above this are editable, because names and layers are little
+# of them. It is in bytes before gzip (docs/decisions/markup.md).
+AUTO_MINIMAL = 200_000
+BY_BYTES_UP_TO = 8_000  # largest limit of a search by bytes (docs/decisions/markup.md)
+MINIMAL_UP_TO = 20_000  # largest size of a placeholder
 
 
 @dataclass(frozen=True)
 class Plan:
     """The options of a run or of one of its searches, and the decisions that follow from them.
 
-    fit_side   longest side in px of the image that the fit runs on, None before the photo is read.
-               If the image is longer than 3 : 2, it is that of one of 3 : 2 with as many pixels
-    by_bytes   whether the search is a search by bytes. Otherwise it is one by count
-    is_small   whether the photo's longest side is at most WHOLE_SIDE px, False before it is read
     starts     whether the run starts with a scene. No search by bytes can begin with one
     has_areas  whether the photo is drawn by areas if the option is auto, False before it is read
     faintness  dB by which growth stops later, because the photo is dark or pale all over
@@ -209,9 +126,6 @@ class Plan:
     """
 
     options: Options
-    fit_side: float | None = None
-    by_bytes: bool = False
-    is_small: bool = False
     starts: bool = False
     has_areas: bool = False
     faintness: float = 0.0
@@ -251,7 +165,7 @@ class Plan:
     @property
     def allows_areas(self) -> bool:
         """Whether the options allow areas. They do not if they ask for the method of the paper."""
-        return next(_without_areas(self.options), None) is None
+        return not _without_areas(self.options)
 
     @property
     def may_be_exact(self) -> bool:
@@ -294,27 +208,24 @@ class Plan:
         If the options give a number of inks, the inks are chosen. Nothing else is decided for a
         sketch.
         """
-        options, svg = self.options, self.options.svg
-        if isinstance(count := options.fit.inks, int) and not self.sketch:
-            options = options.changed(inks=inks_of(pixels, count, options.fit.paper))
-            plan = dataclasses.replace(self, options=options, ink_count=count)
-            return (plan.on_paper() if options.fit.paper else plan).for_picture(pixels)
+        options, count = self.options, self.options.fit.inks
         if self.sketch:
             options = options.changed(inks=self.sketch) if isinstance(count, int) else options
             return dataclasses.replace(self, options=options)
-        is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
-        may = svg.areas == AUTO and self.may_be_exact
-        return dataclasses.replace(
-            self, options=options, is_small=is_small, faintness=faintness_of(pixels),
-            has_areas=self.has_areas or (may and may_have_areas(pixels)),
-        )  # fmt: skip
+        if isinstance(count, int):
+            options = options.changed(inks=inks_of(pixels, count, options.fit.paper))
+            plan = dataclasses.replace(self, options=options, ink_count=count)
+            return (plan.on_paper() if options.fit.paper else plan).for_picture(pixels)
+        may = options.svg.areas == AUTO and self.may_be_exact
+        has_areas = self.has_areas or (may and may_have_areas(pixels))
+        return dataclasses.replace(self, faintness=faintness_of(pixels), has_areas=has_areas)
 
     @property
     def shape_bytes(self) -> float:
         """Bytes that a shape usually takes in the file, before gzip."""
         if self.in_areas:
             return SHAPE_BYTES[0] if self.markup == MINIMAL else 300  # few share a gradient
-        return BYTES_IN_INKS if self.in_inks else USUAL_BYTES
+        return 60 if self.in_inks else USUAL_BYTES  # docs/decisions/inks.md
 
     def check_renderer(self) -> None:
         """Raise RendererError if the renderer that draws the file is not installed."""
@@ -322,13 +233,29 @@ class Plan:
 
     @cached_property
     def preset(self) -> Preset:
-        """Preset of the run. `budget_preset` makes it for a budget of bytes or seconds."""
-        goal = self.goal
-        if self.is_budget:
-            return budget_preset(self.uncompressed_limit, goal.time_limit, self.in_inks)
-        usual = PRESETS[goal.quality or DEFAULT_PRESET]
-        stop = min(usual.stop_psnr + self.faintness, max(usual.stop_psnr, FAINT_STOP))
-        return dataclasses.replace(usual, stop_psnr=stop)
+        """Preset of the run.
+
+        A budget of bytes or seconds has the preset of its usual or fine numbers, but no other limit
+        ends growth before nothing visible is gained. Bytes are spent on shapes rather than on many
+        colours (docs/decisions/markup.md).
+        """
+        limit, seconds = self.uncompressed_limit, self.goal.time_limit
+        if not self.is_budget:
+            usual = PRESETS[self.goal.quality or DEFAULT_PRESET]
+            stop = min(usual.stop_psnr + self.faintness, max(usual.stop_psnr, FAINT_STOP))
+            return dataclasses.replace(usual, stop_psnr=stop)
+        usual = PRESETS["high" if limit is None or limit > 1_000_000 else DEFAULT_PRESET]
+        cap, side, loss = MOST_GAUSSIANS, PRESETS["max"].max_size, usual.color_loss
+        if seconds is not None:
+            cap = min(cap, int(5000 * seconds))  # docs/decisions/time.md
+        if limit is not None:
+            # An ellipse takes at least 60 bytes, in inks in minimal markup 20.
+            cap = min(cap, limit // (20 if self.in_inks else 60))
+            side, loss = usual.max_size, 1.0
+        return dataclasses.replace(
+            usual, gain=0.0, stop_psnr=INDISTINGUISHABLE, cap=max(cap, 150), max_size=side,
+            color_loss=loss,
+        )  # fmt: skip
 
     @property
     def is_budget(self) -> bool:
@@ -389,18 +316,12 @@ class Plan:
         """Return the configuration of a fit.
 
         blend  blend mode of the fit. A portable file has two fits, of which the first is additive
-        Every preset gives a small drawing the same few Gaussians. A cheaper preset with more steps
-        could then be better (docs/decisions/monotone.md). So the fit has at least as many steps as
-        each cheaper preset whose max_size is not far below the longest side of the image.
         """
-        options, densify, preset = self.options, self.options.densify, self.preset
-        side, steps = self.fit_side or math.inf, preset.iterations
-        if not self.is_budget:
-            cheaper = [p for p in PRESETS.values() if p.cap < preset.cap]
-            steps = max([steps, *(p.iterations for p in cheaper if side <= NEARLY * p.max_size)])
+        options, densify, steps = self.options, self.options.densify, self.preset.iterations
         if self.only_time_limits and options.fit.iterations is None:
-            steps = MOST_STEPS
-            densify = dataclasses.replace(densify, round_iterations=STEPS_A_ROUND)
+            # More than 1000 steps gain nothing. The time is better spent on steps in which all
+            # Gaussians exist than on rounds of growth (docs/decisions/time.md).
+            steps, densify = 1000, dataclasses.replace(densify, round_iterations=6)
         falloff = options.fit.falloff if blend == options.written_blend else None
         if self.in_areas:
             # Areas have the crisp edges. Each further falloff takes a definition in the file.
@@ -416,15 +337,11 @@ class Plan:
 
     @cached_property
     def markup(self) -> Markup:
-        """Markup of the file.
-
-        If the option is auto, the markup is minimal for small limits of bytes. `searches` may try
-        both markups.
-        """
-        asked, limit = self.options.svg.markup, self.goal.byte_limit
+        """Markup of the file. If the option is auto, files within a small limit are minimal."""
+        asked, limit = self.options.svg.markup, self.uncompressed_limit
         if asked != AUTO:
             return asked
-        small = limit is not None and limit <= MINIMAL_UP_TO
+        small = limit is not None and limit <= AUTO_MINIMAL
         return MINIMAL if small and self.may_be_minimal else EDITABLE
 
     @property
@@ -432,65 +349,40 @@ class Plan:
         """Whether the renderer draws minimal files, and no option needs an editable file."""
         return self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
 
+    @cached_property
+    def by_bytes(self) -> bool:
+        """Whether the search for shapes is a search by bytes. Otherwise it is one by count."""
+        fit, svg, limit = self.options.fit, self.options.svg, self.uncompressed_limit
+        is_small = limit is not None and limit <= BY_BYTES_UP_TO and self.markup == MINIMAL
+        is_usual = self.options.densify == DensifyOptions() and fit.loss == DEFAULT_LOSS
+        is_usual = (
+            is_usual and fit.blend == OVER and svg.palette is svg.stops is svg.precision is None
+        )
+        return is_small and is_usual and not (self.in_inks or self.starts or self.aim)
+
     def searches(self) -> list[Plan]:
         """Return the plans of the searches to run. The run writes the closest of their files.
 
-        Without a limit of bytes there is one search, and so there is for areas. With a limit of
-        bytes there may be several: by bytes or by count, and for minimal or editable markup. If
-        there is also a target, only the first search aims at it. The others run if the first one
-        misses the target.
-        With a time limit there is time for one search only, but the one for areas may end early.
+        One search usually suffices. Shapes alone may be closer than areas, and `best_of` runs their
+        search only if this is likely. If a target is missed within a limit of bytes, the limit is
+        filled instead. With a time limit there is time for one search only, but the one for areas
+        may end early.
         """
-        limit, asked = self.uncompressed_limit, self.options.svg.markup
-        is_timed = self.goal.time_limit is not None
         if self.in_areas:
-            # Shapes alone may be closer. `best_of` runs their search only if this is likely.
             options = self.options.changed(areas=NEVER)
             alone = dataclasses.replace(self, options=options, has_areas=False, sketch="")
-            return [self, *(alone.searches()[:1] if self.has_areas else [])]
-        if limit is None:
-            return [self]
-        if self.aim is not None:
+            return [self, alone] if self.has_areas else [self]
+        if self.aim and self.goal.byte_limit is not None and self.goal.time_limit is None:
             options = self.options.changed(**{self.aim.of.option: None})
-            within = dataclasses.replace(self, options=options)
-            return [self] if is_timed else [self, *within.searches()]
-        plans = list[Plan]()
-        options, svg = self.options, self.options.svg
-        usual = options.densify == DensifyOptions() and options.fit.loss == DEFAULT_LOSS
-        usual = usual and options.fit.blend == OVER and not (self.in_inks or self.starts)
-        usual = usual and svg.palette is svg.stops is svg.precision is None
-        up_to = math.inf if self.is_small else BY_BYTES_UP_TO
-        by_bytes = usual and asked != EDITABLE and self.may_be_minimal and limit <= up_to
-        if by_bytes:
-            plans.append(self._search(MINIMAL, by_bytes=True))
-        unasked_up_to = EDITABLE_IS_CLOSER * UNASKED_UP_TO
-        unasked = asked == AUTO and self.may_be_minimal and limit <= unasked_up_to
-        if (asked == MINIMAL or unasked) and (limit >= MINIMAL_FROM or not by_bytes):
-            plans.append(self._search(MINIMAL))
-        if asked == EDITABLE or (asked == AUTO and (limit >= EDITABLE_FROM or not plans)):
-            plans.append(self._search(EDITABLE))
-        if not is_timed:
-            return plans
-        # There is time for one search only, so run the one whose file is usually closest.
-        return plans[-1:] if limit > UNASKED_UP_TO else plans[-2:-1] or plans
+            return [self, dataclasses.replace(self, options=options)]
+        return [self]
 
-    def _search(self, markup: Markup, by_bytes: bool = False) -> Plan:
-        limit = self.goal.byte_limit
-        if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
-            limit = min(limit, UNASKED_UP_TO // (GZIP if self.counts_gzipped else 1))
-        options = self.options.changed(markup=markup, max_bytes=limit)
-        return dataclasses.replace(self, options=options, by_bytes=by_bytes)
-
-    def format_at(self, psnr: float | None = None) -> SvgFormat:
-        """Return the format in which a scene is written.
-
-        psnr  PSNR of the scene in dB, None before the fit
-        """
+    @cached_property
+    def format(self) -> SvgFormat:
+        """Format of the file."""
         svg, preset = self.options.svg, self.preset
-        if self.is_budget and psnr is not None:
-            fine = FINE_FROM if self.goal.byte_limit is None else FINE_BYTES_FROM
-            preset = next((PRESETS[name] for name, least in fine if psnr >= least), preset)
-        precision = PRECISION_OF_INKS if self.in_inks else preset.precision
+        # Files of inks round coordinates to .1 px (docs/decisions/inks.md).
+        precision = 0.1 if self.in_inks else preset.precision
         return SvgFormat(
             form=svg.form,
             markup=self.markup,
@@ -506,18 +398,22 @@ class Plan:
 
         gaussians  number of Gaussians in the scene
         error      mean squared error of the scene, None if it is unknown
+        docs/decisions/palette.md explains the numbers.
         """
         preset, adapts, palette = self.preset, self.goal.count_adapts, 0
         if self.options.svg.palette is not None:
             return self.options.svg.palette, 0.0
         if self.is_budget:
-            palette = MOST_COLORS
+            palette = 4096  # these err less than 8 bits do, and more take long to find
         elif preset.colors and not adapts:
-            palette = max(FEWEST_COLORS, math.ceil(gaussians * preset.colors))
+            # Fewer than 192 entries lower the PSNR even of a thousand Gaussians.
+            palette = max(192, math.ceil(gaussians * preset.colors))
         if error is None:
             return palette, 0.0
-        loss = preset.color_loss if adapts else UNSEEN_COLOR_LOSS
-        return palette, min(error * (portable.power(10, loss / 10) - 1), LARGEST_COLOR_ERROR)
+        loss = preset.color_loss if adapts else 0.03
+        # A palette may add an error of 38 dB at most, or about three levels of 255. Otherwise the
+        # hue of sky and leaves would change in a coarse fit.
+        return palette, min(error * (portable.power(10, loss / 10) - 1), 1.6e-4)
 
 
 @dataclass(frozen=True)
@@ -546,7 +442,7 @@ class Aim:
 
 def check_together(options: Options) -> None:
     """Raise InputError if options conflict, or RendererError for what the renderer cannot draw."""
-    for name, rule, got, advice in _exclusions(options):
+    for name, rule, got, advice in _conflicts(options):
         raise InputError(f"{name} must {rule}; got {got}. Try {advice}")
     renderer, svg = options.run.renderer, options.svg
     for is_asked, able, what, otherwise in (
@@ -573,71 +469,57 @@ def _layered(options: Options) -> list[str]:
     return [*[f"form {form}"] * (form != GRADIENT), *options.document.layered]
 
 
-def _without_areas(options: Options) -> Iterator[tuple[str, object]]:
-    """Yield the names and values of given options with which a file has no areas.
+def _without_areas(options: Options) -> dict[str, object]:
+    """Return the given options with which a file has no areas, by their names.
 
     They ask for the method of the paper, whose pictures are a given number of Gaussians.
     """
     goal, fit = options.goal, options.fit
-    if not goal.count_adapts:
-        yield "gaussians", goal.count
-    if fit.blend == ADD:
-        yield "blend", fit.blend
-    if fit.falloff == GAUSSIAN:
-        yield "falloff", fit.falloff
+    asked = {
+        "gaussians": None if goal.count_adapts else goal.count,
+        "blend": fit.blend if fit.blend == ADD else None,
+        "falloff": fit.falloff if fit.falloff == GAUSSIAN else None,
+    }
+    return {name: value for name, value in asked.items() if value is not None}
 
 
-def _without_paper(fit: FitOptions) -> Iterator[tuple[str, str, object, str]]:
-    """Yield what `_exclusions` yields, for inks on paper."""
-    inks, advice = fit.inks, '--inks "#0078bf,#ff48b0"'
-    if fit.paper is not None and inks is None:
-        yield "paper", "be given with inks", fit.paper, f'--inks 3 --paper "{fit.paper}"'
-    if not isinstance(inks, str):
-        if fit.overprint is not None:
-            got = f"{fit.overprint} with inks {inks}" if inks else str(fit.overprint)
-            yield "overprint", "be given with inks that are listed", got, advice
-        return
-    count, tones = inks.count(",") + 1, fit.overprint
-    if tones is not None and (tones + 1) ** count > MOST_INKS:
-        most = int(MOST_INKS ** (1 / count) + 1e-9) - 1
-        rule = f"make at most {MOST_INKS} mixes"
-        yield "overprint", rule, f"{tones} for {count} inks", str(most) if most else "fewer inks"
-    elif len(printed_colors(inks, fit.paper, tones)) < LEAST_INKS:
-        yield "inks", "be another colour than the paper", inks, advice
-
-
-def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
+def _conflicts(options: Options) -> Iterator[tuple[str, str, object, str]]:
     """Yield for each conflict the name of an option, the rule it breaks, its value, and advice."""
-    goal, fit, svg, layered = options.goal, options.fit, options.svg, _layered(options)
+    goal, fit, svg, densify = options.goal, options.fit, options.svg, options.densify
+    layered, inks, tones = _layered(options), fit.inks, fit.overprint
     if svg.areas == ALWAYS:
-        for name, value in _without_areas(options):
-            why = "because the picture would have no areas"
-            yield name, f"not be given with areas {ALWAYS}, {why}", value, f"--areas {NEVER}"
+        for name, value in _without_areas(options).items():
+            yield name, f"not be given with areas {ALWAYS}", value, f"--areas {NEVER}"
     if svg.portable and fit.blend != ADD:
-        rule = f"be given with blend {ADD}, whose files it converts"
-        yield "portable", rule, f"blend {fit.blend}", "without --portable"
+        yield "portable", f"be given with blend {ADD}", f"blend {fit.blend}", "without --portable"
     if svg.count_gzipped and goal.max_bytes is None:
         advice = "--max-bytes 60k --count-gzipped"
         yield "count_gzipped", "be given with max_bytes", "none", advice
     if svg.markup == MINIMAL and (needs := needs_editable(options)):
-        why = "because a minimal file has neither layers nor filters"
-        yield "markup", f"be {EDITABLE} with {needs}, {why}", svg.markup, "--markup auto"
-    if options.written_blend == ADD and layered:
-        why = "because its shapes do not cover each other in layers"
-        rule = f"not be given with additive blending, {why}"
-        of_form = layered[0] not in options.document.layered
-        yield layered[0], rule, f"blend {ADD}", f"--form {GRADIENT}" if of_form else "--portable"
-    if fit.inks is not None:
-        why = "a picture in inks has opaque shapes without gradients, in one layer for each ink"
-        names = [f"blend {ADD}"] * (fit.blend == ADD)
-        names += [f"falloff {fit.falloff}"] * (fit.falloff is not None)
-        names += [name for name in ("palette", "stops") if getattr(svg, name) is not None]
-        for name in (*names, *layered):
-            yield name, f"not be given with inks, because {why}", f"inks {fit.inks}", "without it"
-    yield from _without_paper(fit)
+        yield "markup", f"be {EDITABLE} with {needs}", svg.markup, "--markup auto"
+    for name in layered if options.written_blend == ADD else ():
+        advice = f"--form {GRADIENT}" if name.startswith("form") else "--portable"
+        yield name, "not be given with additive blending", f"blend {ADD}", advice
+    if inks is not None:
+        why = "because a picture in inks has opaque shapes without gradients, in one layer each"
+        asked = {"blend": fit.blend == ADD, "falloff": fit.falloff is not None}
+        asked |= {"palette": svg.palette is not None, "stops": svg.stops is not None}
+        for name in (*(name for name, is_asked in asked.items() if is_asked), *layered):
+            yield name, f"not be given with inks, {why}", f"inks {inks}", "without it"
+    if fit.paper is not None and inks is None:
+        yield "paper", "be given with inks", fit.paper, f'--inks 3 --paper "{fit.paper}"'
+    if isinstance(inks, str):
+        count = inks.count(",") + 1
+        if tones is not None and (tones + 1) ** count > MOST_INKS:
+            most = int(MOST_INKS ** (1 / count) + 1e-9) - 1
+            rule, got = f"make at most {MOST_INKS} mixes", f"{tones} for {count} inks"
+            yield "overprint", rule, got, str(most) if most else "fewer inks"
+        elif len(printed_colors(inks, fit.paper, tones)) < LEAST_INKS:
+            yield "inks", "be another colour than the paper", inks, '--inks "#0078bf,#ff48b0"'
+    elif tones is not None:
+        yield "overprint", "be given with inks that are listed", tones, '--inks "#0078bf,#ff48b0"'
     for name in ("per_round", "round_iterations", "schedule") if goal.count_adapts else ():
-        value = getattr(options.densify, name)
-        if value != getattr(DensifyOptions, name):
+        if (value := getattr(densify, name)) != getattr(DensifyOptions, name):
             rule = "be given with a number of Gaussians, and without a target or limit"
             yield name, rule, value, "--gaussians 1000 alone"
     score = None if goal.target is None or goal.target.always else goal.target

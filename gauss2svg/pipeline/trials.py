@@ -25,43 +25,29 @@ from gauss2svg.scene.scene import PARAMETERS
 from gauss2svg.svg import MINIMAL
 
 TRIED = 24  # Gaussians of a trial, unless their number follows from a limit of bytes
-UNREFINED = 0.4  # share of their error that areas are expected to keep when they are refined
-# If a trial leaves less than this share of the squared error, the picture has shading that areas
-# only imitate.
-SHADED = 0.85
 # If the PSNR in dB between a drawing and its file is less than this, people can see differences at
 # the drawing's own size (docs/decisions/areas.md).
 SEEN_UP_TO = 41.0
-# Shapes alone are tried too if areas leave errors that can be seen, and a trial of as many bytes of
-# shapes leaves less than SHAPES_ALONE times their squared error.
-SHAPES_ALONE = 2.0
-CLEARLY = 0.8  # the same for areas without shading, with Gaussians, whose error a trial tells
-SHORT = 200  # shapes that are fitted if a run ends before it has found areas
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """Areas with Gaussians below them, their file, and what some Gaussians above would save.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trial(Export):
+    """A file of areas with Gaussians below them, and what some Gaussians above would save.
 
-    ground  scene of the areas, and of Gaussians below them if these pay
+    ground  scene of the file on the working canvas
     error   squared error of this scene, summed over pixels and channels of the working picture
     saved   by how much Gaussians above lower it
-    expected  squared error that is expected of the best file with these areas
-    cost    value by which trials are compared: `expected`, to which the price of the bytes is added
-            if there is no limit. Without shading it is divided by STRIPS
+    cost    value by which trials are compared: the error that is expected of the best file with
+            these areas, to which the price of the bytes is added if there is no limit
     shaded  whether the picture has shading that Gaussians draw better than areas
-    is_met  whether the file reaches the target. False if there is none
     """
 
     found: FoundAreas
     ground: Scene
-    export: Export
     error: float
     saved: float
-    expected: float
     cost: float
     shaded: bool
-    is_met: bool
 
 
 class Trials:
@@ -81,7 +67,6 @@ class Trials:
         self._plan, self._subject, self._exporter = plan, subject, exporter
         self._limit, self._fills, self._is_over = plan.goal.byte_limit or math.inf, fills, is_over
         self._rate, self._price = plan.rate, plan.rate * plan.shape_bytes
-        self._shapes_alone = dict[int, float]()  # squared error by the number of shapes
         width, height = subject.size
         # Trials see about 256 px a side. If the factor were no whole number, the small picture
         # would be blurrier than areas are at its size. What is left over at the edges is cut off.
@@ -95,54 +80,50 @@ class Trials:
 
     def trial(self, found: FoundAreas, count: int = TRIED) -> Trial:
         """Return areas with what `count` Gaussians below or above them are expected to save."""
-        plan, subject, scene = self._plan, self._subject, scene_of(self._subject, found)
+        plan, scene = self._plan, scene_of(self._subject, found)
         height, width = self._small.shape[:2]
         count = int(min(count, self.most, height * width // 3))
-        export, is_met = self._exporter.unscored(scene), False
+        export, areas_alone = self._exporter.unscored(scene), scene
         first = error = cost = self._error(scene)
-        scene_of_areas = scene
         # As long as more of them pay, more Gaussians are tried below the areas.
-        for below in (8, 24, 72) if found.areas and not len(scene) else ():
+        for below in (8, 24, 72) if count and found.areas and not len(scene) else ():
             if self._is_over() or cost <= self._price * below or below > self.most:
                 break
-            tried = self._with_gaussians_below(scene_of_areas, below)
+            tried = self._with_gaussians_below(areas_alone, below)
             tried_export, tried_error = self._exporter.unscored(tried), self._error(tried)
             if tried_export.size > self._limit or tried_error + self._price * below >= cost:
                 break
             scene, export, error = tried, tried_export, tried_error
             cost = error + self._price * below
-        if len(scene) > len(scene_of_areas):
+        if len(scene) > len(areas_alone):
             scene = without_idle(scene, self._error)
             found = dataclasses.replace(found, areas=scene.areas)
             export, error = self._exporter.unscored(scene), self._error(scene)
-        if plan.aim is not None:
-            score = plan.aim.score(self._exporter.raster(export.svg), subject.photo)
-            is_met = plan.aim.is_met_by(score)
-        saved = 0.0
         if self._fills and found.areas:
             # Definitions take a fifth of the bytes that are left.
             left = 0.8 * (self._limit - export.size) / plan.shape_bytes
             count = int(min(max(left, 0), 6 * count))
-        if count and error > self._price * count / 2:
-            session = self._fitted(scene, count, self._is_over)
-            after = self.values * portable.power(10, -session.population.psnr() / 10)
-            saved = max(error - after, 0.0)
-        price = count * self._price
-        pays = saved > price
+        saved, price = 0.0, self._price * count
+        if count and error > price / 2:
+            after = self._fitted(scene, count, self._is_over).population.psnr()
+            saved = max(error - self.values * portable.power(10, -after / 10), 0.0)
+        # A trial that leaves less than .85 of the error shows shading that areas only imitate.
+        is_shaded = error < first or error - saved < 0.85 * error
         if self._fills:
-            cost = expected = error - saved
+            cost = error - saved
         else:
-            expected = error - saved if pays else error
-            cost = expected + self._rate * export.size + (price if pays else 0.0)
-        is_shaded = error < first or error - saved < SHADED * error
-        return Trial(found, scene, export, error, saved, expected, cost, is_shaded, is_met)
+            cost = error + self._rate * export.size - max(saved - price, 0.0)
+        return Trial(
+            **vars(export), found=found, ground=scene, error=error, saved=saved, cost=cost,
+            shaded=is_shaded,
+        )  # fmt: skip
 
     def _fitted(self, ground: Scene, count: int, stop: Callable[[], bool]) -> FitSession:
         """Return a short fit of `count` Gaussians to the small picture, above a ground."""
         inks = self._plan.options.fit.inks
         options = FitOptions(tune=PSNR, falloff=GAUSSIAN if inks is None else None, inks=inks)
-        focus = self._subject.focus
-        return _fitted(self._small, options, count, 80, focus, self._cut(ground), stop)
+        focus, ground = self._subject.focus, self._cut(ground)
+        return _fitted(self._small, options, count, 80, focus, ground, stop)
 
     def _with_gaussians_below(self, scene: Scene, count: int) -> Scene:
         """Return a scene of areas with `count` Gaussians on its page."""
@@ -165,50 +146,30 @@ class Trials:
             10, -model_psnr(self._cut(scene), self._small, weight) / 10
         )
 
-    def shapes_win(self, size: float, error: float) -> bool:
+    def shapes_win(self, size: float, psnr: float) -> bool:
         """Return whether shapes alone, in a file of so many bytes, may be closer than areas.
 
-        error  squared error of the areas
+        They may be if the errors of the areas can be seen, and if a trial of as many bytes of
+        shapes leaves less than twice the squared error.
+
+        psnr  PSNR of the areas in dB
         """
-        if self._plan.prefers_areas:
+        error = self.values * portable.power(10, -psnr / 10)
+        if self._plan.prefers_areas or not self.is_visible(error):
             return False
-        return self._error_of_shapes(size) < SHAPES_ALONE * error
-
-    def _error_of_shapes(self, size: float) -> float:
-        """Return the squared error that a trial of shapes leaves in a file of so many bytes."""
-        size = self._limit if self._fills else size
         each = SHAPE_BYTES[1] if self._plan.markup == MINIMAL else USUAL_BYTES
-        count = int(min(max(size / each, TRIED), 1000))
-        if count not in self._shapes_alone:
-            shapes = self.trial(nothing(self._subject.working), count)
-            self._shapes_alone[count] = shapes.error - shapes.saved
-        return self._shapes_alone[count]
-
-    def lose(self, found: FoundAreas, size: float) -> bool:
-        """Return whether shapes alone are expected closer than areas without shading.
-
-        Gaussians below and above these areas take the bytes that the strips of shading took.
-
-        size  bytes of a file that has these strips
-        """
-        most = self._limit if self._fills else size
-        left = most - self._exporter.unscored(scene_of(self._subject, found)).size
-        count = int(min(max(left / self._plan.shape_bytes, TRIED), 1000))
-        trial = self.trial(found, count)
-        # In a limit, Gaussians leave little but the errors of outlines, which are refined later.
-        share = UNREFINED if self._fills else 1.0
-        return CLEARLY * self._error_of_shapes(size) < share * (trial.error - trial.saved)
+        count = (self._limit if self._fills else size) / each
+        shapes = self.trial(nothing(self._subject.working), int(min(max(count, TRIED), 1000)))
+        return shapes.error - shapes.saved < 2 * error
 
     def wants_gaussians(self, trial: Trial) -> bool:
         """Return whether Gaussians are fitted above the areas of a trial."""
         if len(trial.ground) >= self.most:
             return False
         if self._fills:
-            room = self._limit - trial.export.size
+            room = self._limit - trial.size
             return room < 0 or room >= 2 * self._plan.shape_bytes
-        if self._plan.aim is not None:
-            return not trial.is_met
-        return trial.saved > TRIED * self._price
+        return self._plan.aim is not None or trial.saved > TRIED * self._price
 
     def blank(self) -> Trial:
         """Return no areas and no Gaussians."""
@@ -216,16 +177,18 @@ class Trials:
 
     def in_short(self) -> Trial:
         """Return shapes alone, fitted in a fraction of a second for a run that ends now."""
-        most, pixels = self._plan.goal.count or SHORT, self._small[..., 0].size
-        count = min(SHORT, most, self._limit / SHAPE_BYTES[0], pixels // 3)
         trial = self.blank()
+        if self._plan.sketch:
+            return trial
+        most, pixels = self._plan.goal.count or 200, self._small[..., 0].size
+        count = min(200, most, self._limit / SHAPE_BYTES[0], pixels // 3)
         session = self._fitted(trial.ground, int(count), lambda: False)
         width, height = self._subject.size
         scene = session.scene().scaled(self._times, self._times).replace(width=width, height=height)
         export = self._exporter.unscored(scene)
         if export.size > self._limit:
             export = self._exporter.pruned(export, int(self._limit))
-        return dataclasses.replace(trial, ground=export.scene, export=export)
+        return dataclasses.replace(trial, ground=export.scene, **vars(export))
 
 
 def with_gaussians_below(

@@ -19,15 +19,7 @@ from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores, decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
-from gauss2svg.photo.pixels import (
-    Header,
-    Photo,
-    averaged,
-    elongation,
-    matte_color,
-    pixels_of,
-    shrunk,
-)
+from gauss2svg.photo.pixels import Header, Photo, averaged, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.budgets import (
     AREA_PIXELS_A_SECOND,
     STEPS,
@@ -47,7 +39,6 @@ from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import inks_in
 from gauss2svg.svg import Document, Plotter, SvgFormat
-from gauss2svg.svg.element import LARGEST_NUMBER
 from gauss2svg.svg.file import file_bytes, image, is_svgz
 from gauss2svg.svg.plates import CUT_UNIT, Regions
 from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
@@ -244,24 +235,17 @@ def vectorize_by(
     may_reduce  whether the fit may run on a smaller image if there is too little memory. If not,
                 InputError is raised
     """
-    has_areas = start is not None and bool(required(start, "start", Scene).areas)
-    if start is not None and has_areas:
+    if start is not None and required(start, "start", Scene).areas:
         from gauss2svg.areas.scenes import with_ellipses_as_areas  # few runs need it
 
         start = with_ellipses_as_areas(start)
+    has_areas = start is not None and bool(start.areas)
     plan = Plan(options, starts=start is not None, has_areas=has_areas, has_focus=focus is not None)
     plan.check_renderer()
     plan = plan.on_paper()
     run = Run(options.run, progress, stop, started)
-    if start is not None and ADD in (start.blend, options.fit.blend):
-        got = f"a scene of {start.blend} for a file of {options.fit.blend}"
-        raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
-    if start is not None and start.areas and not (plan.in_areas and plan.allows_areas):
-        got, rule = str(AreaCounts.of(start.areas)), "a scene without areas"
-        raise refusal("start", rule, got, "--areas auto without --gaussians, --blend and --falloff")
-    if start is not None and plan.in_areas and not start.areas:
-        got = f"{len(start)} Gaussians"
-        raise refusal("start", "a scene that has areas", got, "--areas auto")
+    if start is not None:
+        _check_start(plan, start)
     image = rereadable(image)
     photo, load = _read(plan, run, image, may_reduce)
     strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
@@ -278,8 +262,7 @@ def vectorize_by(
     subject = Subject(pixels, working, photo.original_size, document, mask, start)
     is_drawn = plan.may_be_exact and not plan.sketch
     sprite = _sprite(plan, run, image, photo) if is_drawn else None
-    side = max(load.fit) / elongation(*load.fit)
-    plan = dataclasses.replace(plan, fit_side=side).for_picture(pixels)
+    plan = plan.for_picture(pixels)
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
         # Outlines would follow the rings of the filter that keeps photos sharp.
         is_whole = math.prod(photo.original_size) <= WHOLE_DRAWING
@@ -294,6 +277,20 @@ def vectorize_by(
     if (limit := plan.goal.byte_limit) is not None and outcome.file.size > limit:
         raise limit_error(outcome.file.size, limit)
     return _result(plan, run, measured, outcome)
+
+
+def _check_start(plan: Plan, start: Scene) -> None:
+    """Raise InputError if the file cannot have shapes like those of a scene to start with."""
+    blend, counts = plan.options.fit.blend, str(AreaCounts.of(start.areas))
+    if ADD in (start.blend, blend):
+        got = f"a scene of {start.blend} for a file of {blend}"
+        raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
+    if start.areas and not (plan.in_areas and plan.allows_areas):
+        advice = "--areas auto without --gaussians, --blend and --falloff"
+        raise refusal("start", "a scene without areas", counts, advice)
+    if plan.in_areas and not start.areas:
+        got = f"{len(start)} Gaussians"
+        raise refusal("start", "a scene that has areas", got, "--areas auto")
 
 
 def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Load]:
@@ -316,12 +313,6 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     load, note = sizes(*photo.original_size, has_alpha=photo.alpha is not None)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
-    # No number in the file exceeds 5 times the longest side of the canvas, because the sigma of a
-    # shape is at most this side, and a shape is cut off at 3 sigma. A precision is refused if a
-    # number of this size would have too many digits.
-    side, precision = max(photo.original_size), plan.format_at().precision
-    if precision < (least := side * 5 / LARGEST_NUMBER):
-        raise refusal("precision", f"at least {least:.4f} for {side} px", f"{precision:g}")
     (width, height), score = load.measured, plan.goal.target
     if score is not None and min(width, height) < score.least_side:
         needed = f"at least {score.least_side} px a side where {score.name} is measured"
@@ -361,9 +352,9 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> 
     if limit is not None:
         if plan.in_areas:
             subject = subject.reduced(AREA_PIXELS_A_SECOND * limit)
-        deadline, renderer = run.started + limit, plan.options.run.renderer
         pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
-        run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps or STEPS, renderer)
+        deadline = run.started + limit
+        run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps or STEPS)
     if sprite is not None:
         from gauss2svg.pipeline.by_pixels import exact_outcomes  # few pictures are pixel art
 

@@ -137,7 +137,7 @@ def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
     with suppress(Gauss2SvgError):
         changed = {"precision": result.report["precision"]} if result.scene.areas else {}
         options = options.changed(markup=other, focus_strength=None, **changed)
-        form = Plan(options).format_at()
+        form = Plan(options).format
         yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
     yield "scene.npz", saved(result.scene.save)
 

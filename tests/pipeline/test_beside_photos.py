@@ -20,7 +20,7 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize
 from gauss2svg.scene.areas import Area, Outline
 
-NAMES = ("astronaut", "coffee", "chelsea")
+NAMES = ("astronaut", "coffee")
 HEIGHT, WIDTH = 48, 64
 Y, X = np.mgrid[:HEIGHT, :WIDTH]
 MASK = np.uint8(255 * ((X - 23) ** 2 / 16**2 + (Y - 27) ** 2 / 13**2 < 1))
@@ -74,24 +74,12 @@ def test_a_photo_is_closer_inside_of_its_mask_at_the_cost_of_the_rest(goal):
     assert outside < 0
 
 
-def test_without_a_count_shapes_are_added_for_the_error_that_the_mask_weighs():
-    flat = np.full((HEIGHT, WIDTH, 3), 0.5)
-    flat[:, WIDTH // 2 :] = small("coffee")[:, WIDTH // 2 :] / 255
-    on_flat, on_detail = (
-        vectorize(flat, quality="draft", focus=(X < WIDTH // 2) == left, focus_strength=30)
-        for left in (True, False)
-    )
-    assert on_flat.report["gaussians"] < on_detail.report["gaussians"]
-
-
 def test_a_mask_is_read_like_a_photo(tmp_path):
     photo, image = small("coffee"), Image.fromarray(MASK)
     image.save(tmp_path / "mask.png")
     clear = np.dstack([np.full((*MASK.shape, 3), 255, np.uint8), MASK])  # white where it is opaque
-    masks = [MASK, MASK / 255, MASK > 0, image, str(tmp_path / "mask.png"), clear]
-    assert (
-        len({vectorize(photo, gaussians=40, iterations=20, focus=mask).svg for mask in masks}) == 1
-    )
+    masks = [MASK, MASK > 0, image, str(tmp_path / "mask.png"), clear]
+    assert len({vectorize(photo, gaussians=9, iterations=3, focus=mask).svg for mask in masks}) == 1
 
 
 @pytest.mark.parametrize(
@@ -119,28 +107,13 @@ def test_a_mask_that_does_not_fit_is_refused(mask, line):
     ],
 )  # fmt: skip
 def test_it_is_never_worse_than_the_file_that_it_starts_with(goal):
-    for name in NAMES:
-        photo = frame(name)
-        first = vectorize(photo, **goal)
-        for start in (first.scene, read_svg(first.svg)):
-            again = vectorize(photo, **goal, start=start)
-            assert again.report["psnr_svg"] >= first.report["psnr_svg"] - 0.01
-            assert again.report["gaussians"] <= goal.get("gaussians", np.inf)
-            assert again.report["svg_bytes"] <= goal.get("max_bytes", np.inf)
-
-
-@pytest.mark.sweep
-def test_the_next_frame_is_about_as_close_as_a_new_fit_at_half_the_cost():
-    psnrs, pairs = [], []
-    for name in NAMES:
-        frames = [frame(name, shift, (128, 96)) for shift in (0, 7)]
-        start = vectorize(frames[0], gaussians=150).scene
-        results = [vectorize(frames[1], gaussians=150, start=one) for one in (None, start)]
-        psnrs.append([result.report["psnr_svg"] for result in results])
-        pairs.append([result.report["pixel_pairs"] for result in results])
-    psnr, pair = np.mean(psnrs, axis=0), np.sum(pairs, axis=0)
-    assert psnr[1] > psnr[0] - 0.6  # less by 0.1 to 0.3 dB
-    assert pair[1] < 0.5 * pair[0]
+    photo = frame("coffee")
+    first = vectorize(photo, **goal)
+    for start in (first.scene, read_svg(first.svg)):
+        again = vectorize(photo, **goal, start=start)
+        assert again.report["psnr_svg"] >= first.report["psnr_svg"] - 0.01
+        assert again.report["gaussians"] <= goal.get("gaussians", np.inf)
+        assert again.report["svg_bytes"] <= goal.get("max_bytes", np.inf)
 
 
 @pytest.mark.parametrize("count", [25, pytest.param(150, marks=pytest.mark.sweep)])
@@ -178,8 +151,7 @@ def test_other_options_hold_for_the_shapes_of_the_start():
     assert focused["psnr_svg_inside"] > vectorize(photo, gaussians=40).report["psnr_svg"]
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (7, 5)])
-@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize(("shape", "channels"), [((1, 1), 4), ((1, 40), 3)])
 def test_any_scene_is_a_start_for_any_photo(shape, channels):
     photo = np.random.default_rng(0).random((*shape, channels))
     photo[..., 3:] = 0

@@ -45,8 +45,15 @@ SPRITE = PALETTE[CELLS]
 CLEAR_SPRITE = np.dstack([SPRITE, np.where(CELLS == 3, 0, 255).astype(np.uint8)])
 
 
-@pytest.mark.parametrize("markup", ["editable", "minimal"])
-@pytest.mark.parametrize("picture", [DRAWING, CLEAR], ids=["opaque", "alpha"])
+@pytest.fixture(scope="module")
+def drawing():
+    """The result of the drawing by default."""
+    return vectorize(DRAWING)
+
+
+@pytest.mark.parametrize(
+    ("picture", "markup"), [(DRAWING, "editable"), (CLEAR, "minimal")], ids=["opaque", "alpha"]
+)
 def test_the_file_has_the_areas_and_nothing_else_and_the_report_counts_them(picture, markup):
     result = vectorize(picture, areas="always", markup=markup)
     report, is_clear = result.report, picture.shape[2] == 4
@@ -55,24 +62,20 @@ def test_the_file_has_the_areas_and_nothing_else_and_the_report_counts_them(pict
     assert 2 <= counts.areas <= 4
     assert counts.lines == 1
     assert report["markup"] == markup
-    assert "<circle" not in result.svg
     again = read_svg(result.svg)
     assert (len(again), again.transparent) == (0, is_clear)
     assert AreaCounts.of(again.areas) == counts
-    assert repr(result).startswith(f"<gauss2svg.Result 128x128, {counts}, ")
-    assert ("and 1 line, fitted and written by gauss2svg" in result.svg) == (markup == "editable")
+    assert repr(result).startswith(f"<gauss2svg.Result {SIDE}x{SIDE}, {counts}, ")
     assert report["psnr_svg"] > 40
     assert not is_clear or report["psnr_svg_black"] > 40
     assert (report["gaussians"], report["iterations"], report["stop_reason"]) == (0, 0, "gain")
     assert 0.97 < report["area_share"] <= 1
-    assert min(report["area_find_s"], report["area_refine_s"]) > 0
-    assert report["area_find_s"] + report["area_refine_s"] <= report["fit_s"] <= report["total_s"]
-    assert report["colors"] >= 3 + is_clear - 1
+    assert 0 < report["area_find_s"] + report["area_refine_s"] <= report["fit_s"]
 
 
+@pytest.mark.sweep
 def test_memory_of_a_run_is_that_of_a_few_pictures():
-    side = 4 * SIDE
-    large = rasterize(FRAME.format(SHADES + SHAPES), side, side)
+    large = rasterize(FRAME.format(SHADES + SHAPES), 512, 512)
     vectorize(SHADED, areas="always")  # what is loaded once is no part of it
     tracemalloc.start()
     try:
@@ -83,41 +86,20 @@ def test_memory_of_a_run_is_that_of_a_few_pictures():
     assert peak < 9.5 * large.nbytes
 
 
-def test_bytes_are_spent_where_errors_count_most():
-    star = '<path fill="#17324d" d="M{} {}l4 9 10 1-8 6 4 11-10-6-9 7 3-11-9-6 11-1z"/>'
-    stars = "".join(star.format(x, y) for x in (16, 46, 80, 110) for y in (12, 44, 76, 100))
-    picture = rasterize(FRAME.format(f'<path fill="#fff" d="M0 0h128v128H0z"/>{stars}'), SIDE, SIDE)
-    focus = np.full((SIDE, SIDE), 0.1, np.float32)
-    focus[:, : SIDE // 2] = 1.9
-    areas = find_areas(picture, 0.1, focus=focus).areas
-    outlines = [one for area in areas for one in area.outlines]
-    is_left = [one.segments[..., 0].mean() < SIDE / 2 for one in outlines]
-    nodes = [len(one.curved) for one in outlines]
-    assert np.sum(nodes, where=is_left) > 1.5 * np.sum(nodes, where=np.logical_not(is_left))
-
-
-def test_the_user_unit_is_a_share_of_a_pixel_of_the_fit_or_the_precision():
-    usual = vectorize(DRAWING, areas="always")
-    reduced = vectorize(DRAWING, areas="always", max_size=64)
-    coarse = vectorize(DRAWING, areas="always", precision=0.5)
-    assert reduced.report["precision"] == pytest.approx(2 * usual.report["precision"])
+def test_the_user_unit_is_a_share_of_a_pixel_of_the_fit_or_the_precision(drawing):
+    reduced = vectorize(DRAWING, max_size=64)
+    coarse = vectorize(DRAWING, precision=0.5)
+    assert reduced.report["precision"] == pytest.approx(2 * drawing.report["precision"])
     assert (reduced.scene.width, reduced.report["fit_width"]) == (SIDE, 64)
     assert coarse.report["precision"] == 0.5
-    assert coarse.report["svg_bytes"] < usual.report["svg_bytes"]
-    assert min(model_psnr(one.scene, DRAWING) for one in (usual, reduced, coarse)) > 30
+    assert coarse.report["svg_bytes"] < drawing.report["svg_bytes"]
 
 
-@pytest.mark.parametrize(
-    "given",
-    [{}, {"markup": "editable"}, {"count_gzipped": True}, {"gzip": True}],
-    ids=lambda given: " ".join(given) or "usual",
-)
-def test_a_limit_of_bytes_is_kept_by_raising_the_price_of_a_byte(given):
-    free = vectorize(DRAWING, areas="always", markup=given.get("markup", "minimal"))
-    gzipped = not given.keys().isdisjoint({"count_gzipped", "gzip"})
-    limit = int(0.9 * len(file_bytes(free.svg, gzipped)))
-    result = vectorize(DRAWING, areas="always", max_bytes=limit, **given)
-    assert len(file_bytes(result.svg, gzipped)) <= limit
+@pytest.mark.parametrize("gzip", [False, True])
+def test_a_limit_of_bytes_is_kept_by_raising_the_price_of_a_byte(drawing, gzip):
+    limit = int(0.9 * len(file_bytes(drawing.svg, gzip)))
+    result = vectorize(DRAWING, areas="always", max_bytes=limit, gzip=gzip, markup="editable")
+    assert 0.8 * limit < len(file_bytes(result.svg, gzip)) <= limit
     assert result.scene.areas
     assert (result.report["stop_reason"], result.report["unreached"]) == ("max_bytes", [])
     assert result.report["corrections"] > 0
@@ -158,19 +140,20 @@ def test_every_phase_is_told_and_the_forming_picture_has_the_areas():
 LARGE = rasterize(FRAME.format(SHADES + SHAPES), 400, 400)  # areas take longer than a call
 
 
-@pytest.mark.parametrize("limit", [None, 1000, 3000])
-@pytest.mark.parametrize(("picture", "calls"), [(DRAWING, 0), (DRAWING, 2), (LARGE, 0), (LARGE, 6)])
+@pytest.mark.parametrize(
+    ("picture", "calls", "limit"),
+    [(DRAWING, 0, None), (DRAWING, 2, 1000), (LARGE, 0, 1000), (LARGE, 6, 3000)],
+)
 def test_a_stopped_run_writes_what_it_has_within_the_limit_and_is_not_blank(picture, calls, limit):
     left = iter(range(calls))
-    given = {} if limit is None else {"max_bytes": limit}
-    result = vectorize(picture, **given, stop=lambda: next(left, None) is None)
+    result = vectorize(picture, max_bytes=limit, stop=lambda: next(left, None) is None)
     assert result.report["stop_reason"] == "interrupted"
     assert result.report["svg_bytes"] <= (limit or np.inf)
     blank = Scene(*picture.shape[1::-1])
     assert result.report["psnr_svg"] > model_psnr(blank, picture) + 5
 
 
-@pytest.mark.parametrize("cells", [4, 50], ids=["areas", "too many cores"])
+@pytest.mark.parametrize("cells", [4, pytest.param(50, marks=pytest.mark.sweep)])
 def test_a_run_of_little_time_is_not_blank(cells):
     colors = np.random.default_rng(1).random((cells, cells, 3)).astype(np.float32)
     picture = colors.repeat(200 // cells, axis=0).repeat(200 // cells, axis=1)
@@ -188,43 +171,31 @@ def test_the_command_writes_a_file_that_check_and_other_commands_read(tmp_path, 
     shapes = next(line for line in capfd.readouterr().err.splitlines() if "shapes" in line)
     assert shapes.startswith(f"shapes  {AreaCounts.of(scene.areas)}: more would improve it too")
     assert main(["check", str(photo), str(svg), "--min-psnr", "40"]) == 0
-    assert main(["batch", str(photo), "-o", str(tmp_path / "many"), "--areas", "always"]) == 0
-    assert (tmp_path / "many/drawing.svg").read_text() == svg.read_text()
 
 
-def test_the_areas_of_a_start_are_refined_and_not_found_again():
-    result = vectorize(DRAWING, areas="always")
+def test_the_areas_of_a_start_are_refined_and_not_found_again(drawing):
     moved = [
         dataclasses.replace(area, outlines=[shifted(one, 0.4) for one in area.outlines])
-        for area in result.scene.areas
+        for area in drawing.scene.areas
     ]
-    again = vectorize(DRAWING, areas="always", start=result.scene.replace(areas=moved))
-    counts, new = AreaCounts.of(result.scene.areas), AreaCounts.of(again.scene.areas)
+    again = vectorize(DRAWING, areas="always", start=drawing.scene.replace(areas=moved).scaled(2))
+    counts, new = AreaCounts.of(drawing.scene.areas), AreaCounts.of(again.scene.areas)
     assert (new.areas, new.lines) == (counts.areas, counts.lines)
-    assert again.report["psnr_svg"] > result.report["psnr_svg"] - 1
-    larger = result.scene.scaled(2)
-    assert vectorize(DRAWING, areas="always", start=larger).report["psnr_svg"] > 40
+    assert again.report["psnr_svg"] > drawing.report["psnr_svg"] - 1
 
 
-FRAMES = {
-    "moved": 'transform="translate(9 4)"', "turned": 'transform="rotate(25 40 44)"',
-    "recoloured": 'fill-opacity=".6"',
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("change", FRAMES)
-def test_areas_that_no_frame_of_a_film_changes_stay_as_they_are(change):
+def test_areas_that_no_frame_of_a_film_changes_stay_as_they_are():
     rest = SHAPES.split("<path", 1)[1]
     page = '<path fill="#fff" d="M0 0h128v128H0z"/>'
     square = '<path d="M24 28h32v32H24z" fill="#c0322c" {}/>'
     frames = [
         rasterize(FRAME.format(page + square.format(one) + "<path" + rest), SIDE, SIDE)
-        for one in ("", FRAMES[change])
+        for one in ("", 'transform="translate(9 4)"')
     ]
     start = vectorize(frames[0])
     result, new = vectorize(frames[1], start=start.scene), vectorize(frames[1])
-    # Kept areas may cost a tenth of the squared error, and 0.15: here 0.7 dB at 44 dB
-    assert result.report["psnr_svg"] > new.report["psnr_svg"] - 0.7
+    # Kept areas may cost a tenth of the squared error, and 0.15.
+    assert result.report["psnr_svg"] > new.report["psnr_svg"] - 1
     paths = [set(re.findall(r' d="(.*?)"', one.svg)) for one in (start, result)]
     assert len(paths[0] & paths[1]) >= 2  # the triangle and the line
 
@@ -233,8 +204,8 @@ def shifted(outline: Outline, by: float) -> Outline:
     return dataclasses.replace(outline, points=[(x + by, y) for x, y in outline.points])
 
 
-def test_a_start_has_areas_if_and_only_if_the_file_may_have_them(tmp_path, refusal):
-    result = vectorize(DRAWING)
+def test_a_start_has_areas_if_and_only_if_the_file_may_have_them(drawing, tmp_path, refusal):
+    result = drawing
     for given in ({"areas": "never"}, {"gaussians": 9}, {"falloff": "gaussian"}):
         with pytest.raises(InputError, match=r"start must be a scene without areas; got .* nodes"):
             vectorize(DRAWING, start=result.scene, **given)
@@ -289,6 +260,7 @@ def test_areas_that_only_add_errors_go(glows):
         assert without_idle(worse, lambda one: -model_psnr(one, picture)).areas == scene.areas
 
 
+@pytest.mark.sweep
 def test_a_ball_is_as_close_in_its_limit_as_its_areas_are_at_any_size():
     picture = ball(96)
     found = find_areas(picture)
@@ -299,13 +271,12 @@ def test_a_ball_is_as_close_in_its_limit_as_its_areas_are_at_any_size():
         assert both > alone + 1
 
 
-@pytest.mark.parametrize("picture", [DRAWING, CLEAR, SHADED], ids=["flat", "alpha", "gradient"])
+@pytest.mark.parametrize("picture", [CLEAR, SHADED], ids=["alpha", "gradient"])
 def test_a_drawing_has_areas_alone_by_default(picture):
-    result = vectorize(picture)
-    assert result.report["gaussians"] == 0
-    assert result.svg == vectorize(picture, areas="always").svg
+    assert vectorize(picture).report["gaussians"] == 0
 
 
+@pytest.mark.sweep
 def test_letters_of_strokes_are_lines_if_bytes_are_scarce():
     letter = ("M5 0H0V10H5M0 4.8H4", "M0 10V0L6 10V0", "M0 10 3 0 6 10M1.2 6H4.8", "M0 0H6M3 0V10")
     text = "".join(
@@ -314,7 +285,7 @@ def test_letters_of_strokes_are_lines_if_bytes_are_scarce():
     )  # fmt: skip
     page = '<path fill="#fff" d="M0 0h128v128H0z"/>'
     ink = f'<g fill="none" stroke="#17324d" stroke-width="1.4">{text}</g>'
-    picture = rasterize(FRAME.format(page + ink), SIDE, SIDE)
+    picture = rasterize(FRAME.format(page + ink), 128, 128)
     free = vectorize(picture, areas="always", markup="minimal")
     limit = int(0.6 * free.report["svg_bytes"])
     result = vectorize(picture, areas="always", max_bytes=limit)
@@ -323,8 +294,9 @@ def test_letters_of_strokes_are_lines_if_bytes_are_scarce():
     assert result.report["psnr_svg"] > 16  # 18.4, and less than 14 without strokes
 
 
+@pytest.mark.sweep
 def test_more_bytes_are_never_worse():
-    limits = 300, 500, 1000, 4000
+    limits = 300, 600, 2000
     # If the renderer made the picture, fewer nodes may by chance match its antialiasing better.
     large = rasterize(OPAQUE, 8 * SIDE, 8 * SIDE).reshape(SIDE, 8, SIDE, 8, 3)
     picture = large.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
@@ -334,31 +306,21 @@ def test_more_bytes_are_never_worse():
         assert many["psnr_svg"] > few["psnr_svg"] - 0.1
 
 
-@pytest.mark.parametrize(
-    "given", [{}, {"max_bytes": 3000}, {"gaussians": 30}, {"target_psnr": 20}], ids=str
-)
+@pytest.mark.parametrize("given", [{}, {"max_bytes": 3000}], ids=str)
 def test_a_photo_has_the_file_that_it_has_without_areas(photo, given):
+    photo = photo[::2, ::2]
     usual, never = (vectorize(photo, iterations=8, areas=a, **given) for a in ("auto", "never"))
     assert usual.svg == never.svg
     assert usual.report["area_count"] == 0
 
 
 @pytest.mark.parametrize(
-    "given",
-    [
-        {"gaussians": 9},
-        {"blend": "add"},
-        {"falloff": "gaussian"},
-        {"areas": "never"},
-        {"inks": 3, "areas": "never"},
-        {"inks": 3, "gaussians": 9},
-        {"inks": 3, "target_psnr": 12},
-    ],
-    ids=str,
+    "given", [{"blend": "add"}, {"areas": "never"}, {"inks": 3, "gaussians": 9}]
 )
-def test_a_drawing_has_no_areas_if_the_paper_or_other_shapes_are_asked_for(given):
-    result = vectorize(DRAWING, iterations=4, quality="draft", **given)
-    assert (result.report["area_count"], result.scene.areas) == (0, ())
+@pytest.mark.parametrize("picture", [DRAWING, SPRITE], ids=["drawing", "sprite"])
+def test_a_drawing_has_no_areas_if_the_paper_or_other_shapes_are_asked_for(picture, given):
+    result = vectorize(picture, iterations=4, quality="draft", **given)
+    assert result.scene.areas == ()
     assert result.report["gaussians"] > 0
 
 
@@ -371,8 +333,9 @@ def nearest_inks(picture):
     return inks[np.square(picture[:, :, None] - inks).sum(axis=-1).argmin(axis=-1)]
 
 
-@pytest.mark.parametrize("given", [{}, {"markup": "minimal"}, {"max_bytes": 2000}], ids=str)
-@pytest.mark.parametrize("picture", [DRAWING, CLEAR, SHADED], ids=["flat", "alpha", "gradient"])
+@pytest.mark.parametrize(
+    ("picture", "given"), [(CLEAR, {"max_bytes": 2000}), (SHADED, {})], ids=["alpha", "gradient"]
+)
 def test_a_drawing_in_inks_is_areas_that_each_have_one_of_them(picture, given):
     result = vectorize(picture, inks=INKS, **given)
     assert result.report["area_count"] >= 2
@@ -399,10 +362,11 @@ def test_a_drawing_with_a_photo_in_it_has_ellipses_in_inks():
     assert vectorize(picture, inks=4, quality="draft").report["area_count"] == 0
 
 
+@pytest.mark.sweep
 def test_a_count_is_a_bound_beside_a_limit_and_leaves_areas():
     report = vectorize(GLOWS, gaussians=5, max_bytes=6000).report
     assert report["area_count"] > 0
-    assert 0 < report["gaussians"] <= 5
+    assert report["gaussians"] <= 5
 
 
 @pytest.mark.parametrize(
@@ -420,15 +384,7 @@ def test_a_target_is_met_by_areas_alone_if_they_can_and_by_gaussians_if_not(
     assert (report["gaussians"] > 0) == needs_gaussians
 
 
-def test_a_run_without_time_writes_the_areas_that_it_has_found():
-    result = vectorize(GLOWS, time_limit=0.01)
-    assert result.report["stop_reason"] == "time_limit"
-    assert (len(result.scene) == 0) == (result.report["gaussians"] == 0)
-    assert rasterize(result.svg, 8, 8).shape == (8, 8, 3)
-
-
-@pytest.mark.parametrize("given", [{"max_bytes": 6000}, {"target_psnr": 46}], ids=str)
-def test_a_run_that_is_stopped_while_it_fits_gaussians_keeps_its_areas(given):
+def test_a_run_that_is_stopped_while_it_fits_gaussians_keeps_its_areas():
     phases, states = [], []
 
     def progress(now):
@@ -437,14 +393,15 @@ def test_a_run_that_is_stopped_while_it_fits_gaussians_keeps_its_areas(given):
             counts = AreaCounts.of(now.fit.scene().areas), len(now.fit.scene())
             states.append((now.fit.areas, now.fit.gaussians, *counts))
 
-    result = vectorize(GLOWS, **given, progress=progress, stop=lambda: phases.count("fit") > 20)
+    stop = lambda: phases.count("fit") > 20  # noqa: E731
+    result = vectorize(GLOWS, target_psnr=46, progress=progress, stop=stop)
     assert [state[:2] for state in states] == [(str(counts), n) for *_, counts, n in states]
     assert states[0][1] == 0 < states[-1][1]
     assert result.report["stop_reason"] == "interrupted"
     assert min(result.report["area_count"], result.report["gaussians"]) > 0
-    assert result.report["svg_bytes"] <= given.get("max_bytes", np.inf)
 
 
+@pytest.mark.sweep
 def test_gaussians_above_areas_leave_a_transparent_page_clear():
     found = find_areas(CLEAR_BALL)
     areas = Scene(SIDE, SIDE, transparent=True, areas=found.areas)
@@ -490,9 +447,8 @@ def test_cairo_draws_the_gradients_of_a_large_drawing():
     assert psnr(rasterize(result.svg, 1100, 400, "cairo"), picture) > 40
 
 
-@pytest.mark.parametrize("markup", ["editable", "minimal"])
-def test_a_sprite_is_exact_in_few_bytes_and_its_file_is_read_again(markup):
-    result = vectorize(SPRITE, markup=markup)
+def test_a_sprite_is_exact_in_few_bytes_and_its_file_is_read_again():
+    result = vectorize(SPRITE)
     assert (result.raster == result.photo).all()
     assert (len(result.scene.areas), len(result.scene)) == (3, 0)
     # vtracer has 28 kB, by polygons that are not exact.
@@ -523,17 +479,3 @@ def test_a_sprite_of_over_a_megapixel_is_exact():
     result = vectorize(large)
     assert result.photo.shape[0] < 1152
     assert (rasterize(result.svg, 1152, 1152) == large / np.float32(255)).all()
-
-
-def test_a_silhouette_has_fewer_bytes_than_by_other_tools():
-    horse = data.horse().astype(np.uint8) * 255
-    report = vectorize(horse).report
-    assert report["psnr_svg"] is None
-    assert report["svg_bytes"] < 4000  # vtracer has 10.9 kB
-
-
-def test_options_that_ask_for_gaussians_draw_a_sprite_by_gaussians():
-    for options in ({"areas": "never"}, {"gaussians": 20}, {"inks": 3, "target_psnr": 10}):
-        result = vectorize(SPRITE, iterations=2, **options)
-        assert not result.scene.areas
-        assert len(result.scene)

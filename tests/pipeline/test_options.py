@@ -142,12 +142,3 @@ def test_keywords_are_refused_with_the_class_to_which_they_belong():
     gallery: Any = build_gallery
     with pytest.raises(TypeError, match=r"""got 'quality'. Try axes={"quality": \[...\]}"""):
         gallery(["photo.png"], "out", quality="draft")
-
-
-def test_a_precision_too_fine_for_the_photo_is_refused_before_the_fit():
-    wide, phases = np.zeros((1, 20_100, 3), np.uint8), list[str]()
-    with pytest.raises(InputError, match=r"precision must be at least 0\.0010 for 20100 px"):
-        gauss2svg.vectorize(
-            wide, svg=SvgOptions(precision=0.001), progress=lambda now: phases.append(now.phase)
-        )
-    assert "fit" not in phases

@@ -61,8 +61,7 @@ def widths(scene):
     return sorted(area.width for area in scene.areas for _ in area.outlines)
 
 
-@pytest.mark.parametrize("color", ["#1c1c22", "#1d3f9a", "#777777"])
-@pytest.mark.parametrize("quality", [None, 85])
+@pytest.mark.parametrize(("color", "quality"), [("#1d3f9a", None), ("#777777", 85)])
 def test_a_sketch_becomes_its_strokes_on_paper_of_one_colour(color, quality):
     result = vectorize(on_paper(lines(color), quality))
     scene, report = result.scene, result.report
@@ -73,19 +72,24 @@ def test_a_sketch_becomes_its_strokes_on_paper_of_one_colour(color, quality):
     assert {area.paint for area in scene.areas} == {tuple(ink)}
 
 
-def test_the_match_is_that_with_the_even_sketch_and_a_note_has_the_other():
-    result = vectorize(SKETCH)
-    bare = result.photo[-20:]  # no line is there
+@pytest.fixture(scope="module")
+def usual():
+    """The result of the sketch by default."""
+    return vectorize(SKETCH)
+
+
+def test_the_match_is_that_with_the_even_sketch_and_a_note_has_the_other(usual):
+    bare = usual.photo[-20:]  # no line is there
     assert (bare == bare[0, 0]).all()
-    assert result.report["psnr_svg"] == pytest.approx(psnr(result.raster, result.photo))
-    assert result.report["psnr_svg"] > 38
-    (note,) = result.report["notes"]
-    assert f"With them it is {psnr(result.raster, SKETCH):.2f} dB" in note
+    assert usual.report["psnr_svg"] == pytest.approx(psnr(usual.raster, usual.photo))
+    assert usual.report["psnr_svg"] > 38
+    (note,) = usual.report["notes"]
+    assert f"With them it is {psnr(usual.raster, SKETCH):.2f} dB" in note
 
 
 @pytest.mark.parametrize("inks", [2, "#b01020,#fff8e0"])
-def test_two_inks_have_the_same_strokes_and_a_plate_for_each(inks):
-    result, usual = vectorize(SKETCH, inks=inks), vectorize(SKETCH)
+def test_two_inks_have_the_same_strokes_and_a_plate_for_each(inks, usual):
+    result = vectorize(SKETCH, inks=inks)
     assert widths(result.scene) == pytest.approx(widths(usual.scene), abs=0.1)
     names = result.report["inks"].split(",")
     assert names == (usual.report["sketch"] if inks == 2 else inks).split(",")
@@ -98,10 +102,10 @@ def test_two_inks_have_the_same_strokes_and_a_plate_for_each(inks):
 
 
 @pytest.mark.parametrize(
-    "given", [{"areas": "never"}, {"target_psnr": 30}, {"inks": 3}, {"gaussians": 50}], ids=str
+    "given", [{"areas": "never", "gaussians": 9}, {"target_psnr": 22}], ids=str
 )
 def test_other_options_draw_the_picture_as_it_is(given):
-    result = vectorize(SKETCH, **given)
+    result = vectorize(SKETCH, iterations=4, **given)
     assert result.report["sketch"] is None
     assert len(result.scene) > 0
     assert np.abs(result.photo - SKETCH).max() < 1e-6
@@ -133,7 +137,7 @@ OTHERS = {
     "a ball": ball(256),
     "a badge": antialiased_badge(256),
 }
-PHOTOS = "astronaut", "brick", "camera", "cat", "clock", "coins", "moon", "retina"
+PHOTOS = "astronaut", "clock", "coins", "moon"
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -144,6 +148,6 @@ def test_other_pictures_are_no_sketches(name):
 @pytest.mark.parametrize("name", PHOTOS)
 def test_photos_and_parts_of_them_are_no_sketches(name):
     photo = np.asarray(Image.fromarray(getattr(data, name)()).convert("RGB"), np.float32) / 255
-    parts = [photo[y::times, x::times] for times in (1, 2, 4) for x in (0, 96) for y in (0, 96)]
+    parts = [photo[y::times, x::times] for times in (2, 4) for x in (0, 96) for y in (0, 96)]
     for part in (*parts, photo[:200, :200], photo[-200:, -200:], np.minimum(1.5 * photo, 1)):
         assert evened(part, part, None) is None

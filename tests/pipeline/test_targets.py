@@ -1,8 +1,5 @@
 """Laws of the targets: what is asked of the rasterised SVG is met, or reported as missed."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 from flat import vectorize
@@ -14,9 +11,9 @@ from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics
 from gauss2svg.measure.perceptual import ssimulacra2
 from gauss2svg.pipeline import plan
+from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.outcome import Export, Exporter, Subject
-from gauss2svg.pipeline.report import unreached
 from gauss2svg.raster import rasterize, rasterize_like
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
@@ -35,9 +32,8 @@ def photo(photo):
 @pytest.mark.parametrize(
     ("given", "size"),
     [
-        (1, 1), ("150000", 150000), ("1.5 MB", 1500000), (".5kB", 500), (np.int32(7), 7),
-        ("2G", 2 * 10**9), (" 7b ", 7),
-        *((wrong, None) for wrong in (0, -1, "", "k", "1e3", "-5k", "5 kg", "1.2.3", 1.5, True)),
+        (1, 1), ("1.5 MB", 1500000), (".5kB", 500), (np.int32(7), 7),
+        *((wrong, None) for wrong in (0, "", "k", "1e3", "-5k", "5 kg", "1.2.3", 1.5, True)),
     ],
 )  # fmt: skip
 def test_sizes_are_decimal_and_others_are_refused(given, size):
@@ -119,8 +115,7 @@ def test_a_file_without_room_for_a_shape_is_its_background_and_that_is_said(phot
 @pytest.mark.parametrize(
     "given",
     [
-        {"markup": "editable"}, {"markup": "editable", "gzip": True}, {"inks": 2}, {"animate": 2.0},
-        {"blend": "add"}, {"blend": "add", "portable": True}, {"palette": 4}, {"alt": "x" * 99},
+        {}, {"markup": "editable", "gzip": True}, {"inks": 2}, {"blend": "add", "portable": True},
         {"start": random_scene(3, 64, 64)}, {"target_psnr": 30, "fragments": True},
     ],
 )  # fmt: skip
@@ -134,7 +129,7 @@ def test_a_limit_below_a_file_without_shapes_is_refused_and_the_least_one_is_not
     assert (size, report["gaussians"]) == (least, 0)
 
 
-@pytest.mark.parametrize("given", [{}, {"palette": 4}, {"gaussians": 5}])
+@pytest.mark.parametrize("given", [{}, {"palette": 4}])
 def test_a_photo_with_one_visible_pixel_gets_a_file_and_no_wrong_reason(given):
     """The bytes are the reason for an empty file, not the transparency, which is no reason here."""
     pixels = np.zeros((24, 32, 4), np.float32)
@@ -142,13 +137,6 @@ def test_a_photo_with_one_visible_pixel_gets_a_file_and_no_wrong_reason(given):
     report = vectorize(pixels, max_bytes=150, iterations=8, **given).report
     assert report["svg_bytes"] <= 150
     assert not any("too transparent" in note for note in report["notes"])
-
-
-def test_cap_is_named_where_the_limit_of_bytes_does_not_bind():
-    noise = np.random.default_rng(0).random((9, 9, 3)).astype(np.float32)
-    report = vectorize(noise, max_bytes="3M", iterations=8).report
-    assert report["stop_reason"] == "cap"
-    assert report["svg_bytes"] < 300_000
 
 
 def test_no_time_at_all_still_gives_a_file_measured_small(photo):
@@ -180,38 +168,25 @@ def test_better_qualities_are_more_accurate_and_larger(photo):
     assert values == sorted(values)
 
 
-@pytest.mark.parametrize("markup", ["editable", "minimal"])
-def test_a_pruned_file_has_as_many_of_the_most_useful_gaussians_as_fit(markup):
+def test_a_pruned_file_has_as_many_of_the_most_useful_gaussians_as_fit():
     """A file that is pruned to a limit nearly fills it, and keeps the shapes that matter."""
     rng = np.random.default_rng(3)
     scene = Scene(
         96, 64, rng.uniform(0, 64, (80, 2)), rng.uniform(2, 9, (80, 2)), np.zeros(80),
         rng.random((80, 3)), np.ones(80),
     )  # fmt: skip
-    photo, form = render(scene), SvgFormat(markup=markup)
-    exporter = Exporter(plan.Plan(Options().changed(markup=markup)), Subject.of(photo))
+    photo, form = render(scene), SvgFormat()
+    exporter = Exporter(plan.Plan(Options()), Subject.of(photo))
     svg, flat = write_svg(scene, form), write_svg(scene.select(np.arange(0)), form)
     export = Export(scene, svg, form, len(svg), 20.0)
-    for share in (0.0, 0.01, 0.1, 0.5, 0.9, 0.999):
+    for share in (0.0, 0.1, 0.5, 0.999):
         limit = int(len(flat) + share * (len(svg) - len(flat)))
         less = exporter.pruned(export, limit)
         assert less.size <= limit
-        assert less.size > limit - max((len(svg) - len(flat)) / 10, 0.005 * limit)
+        assert less.size > limit - max((len(svg) - len(flat)) / 10, 0.02 * limit)
         if share == 0.5:
             first = scene.select(np.arange(len(less.scene)))
             assert metrics.psnr(render(less.scene), photo) > metrics.psnr(render(first), photo)
-
-
-def test_late_run_says_so():
-    limited = plan.Plan(Options.from_flat({"time_limit": 2.0}))
-    outcome: Any = SimpleNamespace(fitted=SimpleNamespace(stop_reason="time_limit"))
-    lines = [*unreached(limited, outcome, 3.5)]
-    assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a smaller --max-size"]
-    assert [*unreached(limited, outcome, 2.2)] == []
-
-
-def test_steps_may_be_given_beside_a_limit_of_seconds(photo):
-    assert vectorize(photo, time_limit=5.0, gaussians=9, iterations=10).report["iterations"] == 10
 
 
 @pytest.fixture(scope="module")
@@ -240,3 +215,9 @@ def test_a_target_of_ssimulacra2_is_refused_for_small_photos(cat):
     panorama = np.zeros((230, 5000, 3), np.float32)  # of more than a megapixel
     with pytest.raises(InputError, match=r"got 466.x21. px. Try --full-size, or another"):
         vectorize(panorama, target_ssimulacra2=50)
+
+
+def test_presets_are_farther_apart_than_their_tolerances():
+    """So a preset never accepts a result that is worse than one that a cheaper preset accepts."""
+    wanted = [preset.stop_psnr for preset in plan.PRESETS.values()]
+    assert min(np.diff(wanted)) > ENOUGH.too_little + ENOUGH.too_good
