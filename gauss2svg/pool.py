@@ -22,7 +22,7 @@ import psutil
 
 from gauss2svg import processes
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.processes import end_of, end_tree, end_with_parent
+from gauss2svg.processes import end_of, end_tree
 
 
 class WorkerDiedError(Gauss2SvgError, RuntimeError):
@@ -151,24 +151,24 @@ class Pool:
 def completed(
     submit: Callable[[Any], Future[Any]],
     requests: Iterator[Any],
-    width: Callable[[], int],
+    width: int,
 ) -> Iterator[tuple[Any, Future[Any]]]:
     """Yield each request with its finished future, in the order in which jobs end.
 
     Closing the iterator cancels the remaining jobs.
 
     requests  iterator that is advanced only when a request can be submitted
-    width     function that returns how many submitted requests may be unfinished at the same time
+    width     largest number of submitted requests that are unfinished at the same time
     """
     jobs: dict[Future[Any], Any] = {}
     try:
         while True:
             processes.pending()
-            for request in islice(requests, max(0, width() - len(jobs))):
+            for request in islice(requests, width - len(jobs)):
                 jobs[submit(request)] = request
             if not jobs:
                 return
-            # If no job ends in a second, `width` is called again.
+            # The wait ends after a second, so that `pending` is called.
             for job in wait(jobs, 1.0, FIRST_COMPLETED).done:
                 yield jobs.pop(job), job
     finally:
@@ -204,7 +204,6 @@ def _serve() -> None:
     Return when one of these streams is closed.
     """
     processes.keep_freed_memory()
-    end_with_parent(os.getppid())
     answers = os.fdopen(os.dup(1), "wb")
     # Text that a job prints goes to standard error, so that it is not mixed with the answers.
     os.dup2(2, 1)

@@ -164,7 +164,7 @@ class Grid:
 
         self._report()
         missing = (task for task in tasks if not self.records[task])
-        for task, job in completed(submitted, missing, lambda: pool.workers):
+        for task, job in completed(submitted, missing, pool.workers):
             try:
                 answer = job.result()
             except WorkerDiedError as error:

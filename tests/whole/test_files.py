@@ -89,9 +89,7 @@ def test_two_writers_of_one_file_leave_that_of_the_last_whole(tmp_path, monkeypa
     assert content(tmp_path) == {"o.svg": b"first"}
 
 
-@pytest.mark.parametrize(
-    "name", ['it\'s a "b"', "größe-中文-🎨", "--report", "new\nline", "%41&<>;$HOME*[red]"]
-)
+@pytest.mark.parametrize("name", ["größe-中文-🎨", "--report", "new\nline", "%41&<>;$HOME*['\"]"])
 def test_any_name_is_read_and_written(name, picture, tmp_path, monkeypatch, refusal):
     monkeypatch.chdir(tmp_path)
     name = possible(name)
@@ -111,14 +109,11 @@ MAKE = ("photo.png", "-o", "o.svg", *TINY)
 CHECK = ("check", "photo.png", "drawing.svg")
 REFUSED = [
     *(((*MAKE, "--report", name), ALSO_PHOTO)
-      for name in ("photo.png", "hard.png", "soft.png", "there/photo.png", "./no/../photo.png")),
+      for name in ("photo.png", "hard.png", "soft.png", "there/photo.png")),
     *(((*MAKE, option, "o.svg"), ALSO_OUTPUT)
-      for option in ("--report", "--preview", "--save-scene", "--outline", "--plot")),
+      for option in ("--report", "--outline")),
     (("photo.png", "-o", "hard.png", *TINY), ALSO_PHOTO),
     ((*CHECK, "--heatmap", "soft.png"), ALSO_PHOTO),
-    (("-", "-o", "hard.png", *TINY), ALSO_PHOTO),
-    (("check", "-", "drawing.svg", "--preview", "hard.png"), ALSO_PHOTO),
-    (("check", "drawing.svg", "-", "--heatmap", "soft.png"), "which is also the SVG. Try"),
     (("none.png", "-o", "circle.svg"), "circle.svg: Too many levels of symbolic links"),
     (("photo.png", "-o", "none/o.svg"), "o.svg: No such file or directory. Try"),
     (("photo.png", "-o", "/proc/x"), "cannot write /proc/x"),
@@ -154,18 +149,8 @@ def test_what_cannot_be_written_is_one_line_and_changes_no_file(
         os, "access", lambda path, mode: "locked" not in str(path) and access(path, mode)
     )
     before = content(tmp_path)
-    with picture.open() as stdin:
-        monkeypatch.setattr("sys.stdin", stdin)
-        assert line in refusal(*words)
+    assert line in refusal(*words)
     assert content(tmp_path) == before
-
-
-def test_names_that_differ_by_case_are_one_where_the_file_system_says_so(
-    picture, tmp_path, monkeypatch, refusal
-):
-    monkeypatch.setattr(files, "folds_case", lambda folder: True)
-    command = [picture, "-o", tmp_path / "o.svg", "--outline", tmp_path / "O.SVG", *TINY]
-    assert "O.SVG, which is also another output" in refusal(*command)
 
 
 STREAMS = {
