@@ -15,8 +15,9 @@ from functools import partial
 from html import escape
 from importlib.resources import files
 from itertools import chain
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, Never
+from typing import Any
 from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
@@ -27,7 +28,6 @@ from gauss2svg.compare.variants import (
     Variant,
     entries_of,
     main_variant,
-    refuse_keywords,
     variants_of,
 )
 from gauss2svg.errors import OutputError, instance, on_one_line, refusal
@@ -102,7 +102,6 @@ def build_gallery(
     options: GalleryOptions | None = None,
     command: str | None = None,
     progress: Callable[[GalleryProgress], None] | bool | None = None,
-    **unknown: Never,
 ) -> Gallery:
     """Vectorise photos in several variants, and write web pages that compare them.
 
@@ -125,9 +124,8 @@ def build_gallery(
     loses only the SVGs that are not finished. If a photo cannot be read, the first page lists the
     failure, and the other photos are still compared. The pages need neither a server nor a network.
     Raise InputError for bad arguments. Raise OutputError if the folder cannot be written, or if it
-    has other files with the names of the pages. Raise TypeError for an unknown keyword.
+    has other files with the names of the pages.
     """
-    refuse_keywords(unknown, "build_gallery", GalleryOptions)
     if progress is True:
         with counting() as update:
             return build_gallery(
@@ -161,16 +159,10 @@ def build_gallery(
             "folder": str(root / folder), "page_photo": str(page_photo), "photo_size": size,
             "options": run_options, "peer_timeout": options.peer_timeout,
         }  # fmt: skip
-        # A record must be made again only if something changes on which the SVG depends. The SVG
-        # does not depend on the numbers of jobs and threads, nor on the limits. If another tool
-        # makes the SVG, it does not depend on the seed either.
-        dependencies = (size, seed) if variant and variant.is_own else (size,)
-        if variant and (entry := entries[variant].get(photo)):
-            parameters |= {"file": entry["file"], "numbers": entry["numbers"]}
-            dependencies += (entry["digest"], entry["numbers"])
+        entry = entries[variant].get(photo, {}) if variant else {}
         columns = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
         file = root / folder / "picture.svg" if variant else page_photo
-        return Task(photo, variant, parameters, dependencies, columns, file)
+        return Task(photo, variant, parameters, (size,), columns, entry, file)
 
     plan = {task_of(photo): [task_of(photo, variant) for variant in chosen] for photo in listed}
     grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], report)
@@ -263,17 +255,9 @@ def write_pages(
         for row in rows
         if row["tool"] != TOOL and row["tool_version"]
     }
-    reasons = Counter(
-        line
-        for result in results
-        for line in dict.fromkeys(
-            line for svg in result["svgs"] for line in svg["report"].get("scores_missing", ())
-        )
+    unmeasured = dict.fromkeys(
+        line for report in reports for line in report.get("scores_missing", ())
     )
-    unmeasured = [
-        line if count == len(results) else f"{line} ({count} of {len(results)} photos)"
-        for line, count in reasons.items()
-    ]
     origins = Counter(
         (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
         for row in rows
@@ -364,39 +348,19 @@ def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
     return summary
 
 
-def _other_settings(variants: Sequence[Variant]) -> dict[Variant, tuple[Any, ...]]:
-    """Return what the variants of a line in charts have in common, for each variant of gauss2svg.
-
-    This is the names of their options, and the values of all of these but one. The option that
-    varies along the line is the one with the most values, or a number if several have as many.
-    """
-    own = [variant for variant in variants if variant.is_own]
-    counts = Counter(name for name, _ in {s for variant in own for s in variant.settings})
-
-    def others(settings: tuple[tuple[str, Any], ...]) -> tuple[Any, ...]:
-        varied = max(settings, key=lambda s: (counts[s[0]], isinstance(s[1], (int, float))))[0]
-        return tuple((name, None if name == varied else value) for name, value in settings)
-
-    return {variant: others(variant.settings) for variant in own}
-
-
 def chart_of(
     results: Sequence[Row], variants: Sequence[Variant], axis: Score, cost: chart.Cost
 ) -> dict[str, Any] | None:
     """Return the chart of a score over a cost. Each point links to the page of its photo.
 
-    A line joins the SVGs of a photo whose variants differ in a single option.
+    A line joins the SVGs that gauss2svg has made of a photo, from the cheapest to the dearest.
     """
-    shared = _other_settings(variants)
-    lines: dict[Any, int] = {}  # index of each line
     points = [
         {
             "cost": svg["report"][cost.key],
             "score": score,
             "series": variants.index(svg["variant"]),
-            "group": lines.setdefault((index, shared[svg["variant"]]), len(lines))
-            if svg["variant"].is_own
-            else None,
+            "group": index if svg["variant"].is_own else None,
             "text": f"{svg['title']}: {axis.text(score)}, {cost.text(svg['report'][cost.key])}",
             "href": f"{svg['row']['page']}#{svg['variant'].slug}",
         }
@@ -405,4 +369,4 @@ def chart_of(
         if axis.can_show(score := svg["report"].get(axis.key))
         and svg["report"].get(cost.key) is not None
     ]
-    return chart.scatter(points, cost, axis)
+    return chart.scatter(sorted(points, key=itemgetter("cost")), cost, axis)

@@ -30,7 +30,7 @@ from gauss2svg.compare.records import (
     record_or_error,
     start_watch,
 )
-from gauss2svg.compare.variants import AXES, apply_constants, options_in
+from gauss2svg.compare.variants import AXES
 from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure import packages_missing
@@ -65,7 +65,7 @@ class Run(NamedTuple):
     report  measurements, as in the file of the option --report
     raster  pixels of the drawn file, from which the scores were computed
     photo   pixels of the photo at the size of `raster`. The two were compared
-    cost    total_s, cpu_s, other_cpu_s and peak_bytes
+    cost    total_s, cpu_s and peak_bytes
     result  result of gauss2svg, or None for another tool
     """
 
@@ -125,9 +125,7 @@ def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: flo
 
 
 def _by_gauss2svg(request: Request) -> Run:
-    apply_constants(request["settings"])
-    settings = options_in(request["settings"])
-    options = Options.from_flat({**settings, **request["options"], "full_size": True})
+    options = Options.from_flat({**request["settings"], **request["options"], "full_size": True})
     read = start_watch()
     result = vectorize_by(options, request["source"])
     # The cost is read here, because it must not include the computation of scores.

@@ -1,4 +1,4 @@
-"""Batches in processes, here and in a cluster: whatever dies, the files are those of a quiet run."""
+"""Batches in processes here and in a cluster: whatever dies, files are those of a quiet run."""
 
 import csv
 import os
