@@ -86,21 +86,15 @@ def write_output(data: bytes) -> None:
 def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
     """Open a regular file for reading. Raise InputError, with advice, if it cannot be read.
 
-    Pipes and devices are refused before they are read, because reading a pipe to which nobody
-    writes would wait for ever.
+    Pipes and devices are refused, because reading a pipe without a writer would wait for ever.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY)
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            os.close(descriptor)
-            raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
+        if os.path.exists(path) and not os.path.isfile(path):
+            raise OSError(errno.EINVAL, "it is not a regular file")
+        descriptor = os.open(path, os.O_RDONLY | _BINARY)
     except (OSError, ValueError) as error:
-        # A folder needs an error message of its own, because Windows reports only "permission
-        # denied" for it, and other systems open it without an error.
-        is_folder = os.path.isdir(path)
-        reason = "it is a folder, not a regular file" if is_folder else reason_of(error)
         name = os.fsdecode(path)
-        raise InputError(f"cannot read {name}: {reason}. Try {advice}") from error
+        raise InputError(f"cannot read {name}: {reason_of(error)}. Try {advice}") from error
     with open(descriptor, "rb") as file:
         yield file
 

@@ -168,10 +168,9 @@ def end_of(status: int) -> str:
 
 def command_line(words: Sequence[str]) -> str:
     """Return a command as a user types it in a POSIX shell, or on Windows in cmd or PowerShell."""
-    if sys.platform != "win32":
-        return shlex.join(words)
-    is_safe = re.compile(r"[\w@+=:,./\\-]+", re.ASCII).fullmatch
-    return " ".join(word if is_safe(word) else f'"{word}"' for word in words)
+    import subprocess
+
+    return (subprocess.list2cmdline if sys.platform == "win32" else shlex.join)(words)
 
 
 def held_bytes() -> int:

@@ -40,7 +40,6 @@ from gauss2svg.pipeline.options import Goal, Options, unknown_keyword
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pool import Pool, WorkerDiedError, completed
-from gauss2svg.processes import MEMORY_SHARE
 from gauss2svg.version import __version__
 
 if TYPE_CHECKING:
@@ -226,24 +225,22 @@ class Batch:
 def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iterator[_Engine]:
     """Yield worker processes of this machine.
 
-    If `workers` is None, there are as many processes as cores. But if the options set a number of
-    threads for each process, there are only so many processes that their threads together are no
-    more than the cores. There are fewer processes if there are fewer photos, or if the memory is
-    not enough. A process is assumed to need the memory for a photo of usual size, or the value of
-    max_memory if that is larger. If max_memory is not set, the memory that a single run could take
-    is shared equally by the processes.
+    If `workers` is None, there are as many processes as cores. There are fewer if the options set
+    a number of threads for each, if there are fewer photos, or if the memory is not enough. A
+    process is assumed to need the memory for a photo of usual size, or the value of max_memory if
+    that is larger. If max_memory is not set, the processes share the memory equally.
     """
     from gauss2svg.pipeline.budgets import load_of
     from gauss2svg.pipeline.run import thread_count
 
     usual = Header(4000, 3000, has_alpha=False)  # 12 megapixels, like a photo from a camera
-    cores, needed = thread_count(None), load_of(Plan(options), usual).bytes
+    cores, free = thread_count(None), memory_limit(None)
     threads, memory = options.run.threads, options.run.max_memory
-    needed = max(needed, memory_limit(memory) if memory else 0)
-    workers = workers or max(1, min(cores // (threads or 1), memory_limit(None) // needed, photos))
-    share = memory_limit(None) // workers
-    memory, threads = memory_limit(memory or share), threads or max(1, cores // workers)
-    with Pool(workers, int(max(share, memory) / MEMORY_SHARE)) as pool:
+    needed = max(load_of(Plan(options), usual).bytes, memory or 0)
+    workers = workers or max(1, min(cores // (threads or 1), free // needed, photos))
+    memory = memory or free // workers
+    threads = threads or max(1, cores // workers)
+    with Pool(workers) as pool:
         job_options = options.changed(threads=threads, max_memory=memory)
         # Two jobs are submitted for each process, so that one waits while the other runs.
         yield _Engine(pool.submit, 2 * workers, WorkerDiedError, job_options)

@@ -27,7 +27,7 @@ def test_a_crash_is_told_from_an_end_by_the_exit_status():
 
 def test_a_command_is_shown_as_one_types_it():
     shown = (
-        "'my photo.png' 'a&b.png' ''" if sys.platform != "win32" else '"my photo.png" "a&b.png" ""'
+        "'my photo.png' 'a&b.png' ''" if sys.platform != "win32" else '"my photo.png" a&b.png ""'
     )
     assert command_line(["gauss2svg", "my photo.png", "a&b.png", ""]) == f"gauss2svg {shown}"
 
