@@ -129,8 +129,6 @@ def check_writable(path: FileName) -> None:
             problem = "it is a folder. Try a file name"
         elif target.exists() and not os.access(target, os.W_OK):
             problem = "it is read-only. Try another name"
-        elif sys.platform == "win32" and target.is_file():
-            replace(target, target)  # raises OSError if a program has the file open
         elif not target.exists() or target.is_file():
             with tempfile.TemporaryFile(dir=os.path.dirname(os.path.realpath(target))):
                 pass

@@ -80,15 +80,15 @@ def vectorize_many(
     options = instance(options, "options", Options).changed(**goals)
     show_progress = Field("progress", bool).checked(progress)
     job = Batch(sources, output, options, batch)
-    return _shown(job, client) if show_progress else job.run(client)
+    return _with_bar(job.run(client), job.count) if show_progress else job.run(client)
 
 
-def _shown(job: Batch, client: Client | None) -> Iterator[PhotoRecord]:
+def _with_bar(records: Iterator[PhotoRecord], count: int) -> Iterator[PhotoRecord]:
     summary = Summary()
     with counting() as update:
-        for record in job.run(client):
+        for record in records:
             summary.add(record)
-            update(summary.progress_text(job.count), summary.total, job.count)
+            update(summary.progress_text(count), summary.total, count)
             yield record
 
 

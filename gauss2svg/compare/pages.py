@@ -31,7 +31,7 @@ from gauss2svg.compare.variants import (
     variants_of,
 )
 from gauss2svg.errors import OutputError, instance, on_one_line, refusal
-from gauss2svg.files import as_json, make_folder, write_all_atomically
+from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
 from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.progress_display import counting
@@ -200,16 +200,14 @@ def _folder(directory: str | os.PathLike[str]) -> Path:
     that is not part of a gallery.
     """
     root = output_folder(directory, ())
-    is_ours = (root / "gallery.jsonl").exists()
-    for name in (*_OUTPUTS, "photos", "assets"):
-        if not is_ours and os.path.lexists(root / name):
-            line = "exists and is not part of a gallery, so it is kept. Try another folder"
-            raise OutputError(f"{root / name} {line}")
-    output_folder(root, ("gallery.jsonl", *_OUTPUTS))
-    (root / "gallery.jsonl").touch()
-    for name in ("photos", "assets"):
-        make_folder(root / name)
-    return root
+    if not (root / "gallery.jsonl").exists():
+        for name in (*_OUTPUTS, "photos", "assets"):
+            if os.path.lexists(root / name):
+                line = "exists and is not part of a gallery, so it is kept. Try another folder"
+                raise OutputError(f"{root / name} {line}")
+        (root / "gallery.jsonl").touch()
+    output_folder(root / "assets", ())
+    return output_folder(root, ("gallery.jsonl", *_OUTPUTS))
 
 
 def write_pages(

@@ -82,10 +82,7 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     """
     finished = (row for row in rows if "error" not in row)
     summary = []
-    keys = (
-        *(axis.key for axis in SCORES), "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged",
-        "psnr_model", "cpu_s", "total_s", "svg_bytes", "svgz_bytes", *COUNTS,
-    )  # fmt: skip
+    keys = [key for _, key, *_ in _COLUMNS if not key.startswith(("below", "peak"))]
     for _, group in itertools.groupby(finished, operator.itemgetter("label")):
         runs = list(group)
         values: dict[str, list[Any]] = {name: [row.get(name) for row in runs] for name in keys}

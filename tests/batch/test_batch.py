@@ -241,16 +241,3 @@ def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp
     assert (found["done"], found["failed"]) == (["e.svg"], ["a.svg"])
     assert (out / "a.svg").read_text() == "drawn by hand"
     assert "a.svg" in rows(out)["a.svg"]["error"]
-
-
-@pytest.mark.posix
-def test_photo_is_not_overwritten_by_its_output(run, photos, tmp_path, monkeypatch):
-    (tmp_path / "out" / STATE).mkdir(parents=True)
-    os.symlink(tmp_path / "out/a.svg", photos / "f.png")
-    listed = tmp_path / "list.txt"
-    photo = save_photo(tmp_path / "x.png", 1).rename(tmp_path / "out/x.svg")
-    listed.write_text("x.svg\n")
-    monkeypatch.chdir(tmp_path / "out")
-    data = photo.read_bytes()
-    assert run(listed)["failed"] == ["x.svg"]
-    assert photo.read_bytes() == data

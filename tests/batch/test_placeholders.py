@@ -61,9 +61,9 @@ def listed(path="o.json"):
 @pytest.mark.parametrize(
     ("form", "data"),
     [
-        *(("json", data) for data in (b"no JSON", b"", b"[1]", b"{}", b"[" * 100_000, b'["\xff"]')),
-        *(("object", data) for data in (b"[]", b'{"a": 1}', b'{"a": {"metadata": {}}}')),
-        *(("html", data) for data in (b"", b'<img src="a.png">\n<p>mine</p>', b'<img src="\xff">')),
+        *(("json", data) for data in (b"no JSON", b"[1]", b"{}", b"[" * 100_000)),
+        *(("object", data) for data in (b"[]", b'{"a": 1}')),
+        ("html", b'<img src="a.png">\n<p>mine</p>'),
     ],
 )
 def test_another_file_is_kept_and_refused_before_any_work(form, data, folder, refusal, monkeypatch):
@@ -177,12 +177,6 @@ def test_names_are_those_of_the_files_and_addresses_are_escaped(folder, capsys, 
     assert make("--format html -o pages/page.html", *addresses) == 0
     sources = [line.split('"')[1] for line in Path("pages/page.html").read_text().splitlines()]
     assert sources == [f"../{address}" for address in addresses.values()]
-
-
-def test_svgs_are_named_by_their_photos(folder, capsys, counted):
-    assert make("one.png --format svg --quiet -o new/svgs", "two words.png") == 0
-    assert sorted(p.name for p in Path("new/svgs").iterdir()) == ["one.svg", "two-words.svg"]
-    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(
