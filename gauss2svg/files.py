@@ -123,8 +123,6 @@ def check_writable(path: FileName) -> None:
     """Raise OutputError if no file can be written at `path`. No existing file is changed."""
     target, problem = Path(path), ""
     with writing(target):
-        # This raises OSError for circular links. exists() would say that the file does not exist.
-        _mode_of(target)
         if target.is_dir():
             problem = "it is a folder. Try a file name"
         elif target.exists() and not os.access(target, os.W_OK):
@@ -170,29 +168,26 @@ def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
 
     If the disk is full, all old files are therefore unchanged. The files are renamed one by one.
     If a rename fails or is interrupted, the files that were renamed before are new, and the others
-    are old. Pipes and devices cannot be replaced by a rename, so they are written just before the
+    are old. Pipes and devices cannot be replaced by a rename, so they are written before the
     renames. Raise OutputError for the first file that cannot be written.
     """
     for path in files:
         check_writable(path)
     parts: dict[Path, Path] = {}  # {temporary path of a regular file: its final path}
-    contents = [(Path(name), data) for name, data in files.items()]
     try:
-        for target, data in contents:
-            with writing(target):
-                if not target.exists() or target.is_file():
-                    # If the target is a symbolic link, the file to which it leads is replaced, and
-                    # the link stays.
-                    real = Path(os.path.realpath(target))
-                    part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
-                    # The part is added to `parts` before it exists, so that it is removed even if
-                    # writing it fails.
-                    parts[part] = real
-                    _write_new(part, data, _mode_of(real))
-        for target, data in contents:
+        for target, data in ((Path(name), data) for name, data in files.items()):
             with writing(target):
                 if target.exists() and not target.is_file():
                     target.write_bytes(data)
+                    continue
+                # If the target is a symbolic link, the file to which it leads is replaced, and the
+                # link stays.
+                real = Path(os.path.realpath(target))
+                part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
+                # The part is added to `parts` before it exists, so that it is removed even if
+                # writing it fails.
+                parts[part] = real
+                _write_new(part, data, stat.S_IMODE(real.stat().st_mode) if real.exists() else None)
         for part, target in parts.items():
             with writing(target):
                 replace(part, target)
@@ -211,14 +206,6 @@ def replace(source: FileName, target: FileName) -> None:
             except PermissionError:
                 time.sleep(pause)
     return os.replace(source, target)
-
-
-def _mode_of(target: Path) -> int | None:
-    """Return the permissions of a file, or None if it does not exist."""
-    try:
-        return stat.S_IMODE(target.stat().st_mode)
-    except FileNotFoundError:
-        return None
 
 
 def _write_new(path: Path, data: bytes, mode: int | None) -> None:

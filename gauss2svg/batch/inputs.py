@@ -21,7 +21,7 @@ from gauss2svg.files import PATTERN, STANDARD_STREAM, is_pattern, reading, stand
 from gauss2svg.photo import SUFFIXES
 
 
-def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
+def photos_of(sources: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield (path or URL, name of the output without a suffix) for each photo of the sources.
 
     A source is one of these four:
@@ -34,12 +34,11 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
     of an output is that whole path.
     Any other source is one photo. The name of its output is the last part of its path.
 
-    Raise InputError for a source without photos. If `must_exist` is True, also raise it if a source
-    is one local photo that does not exist.
+    Raise InputError for a source without photos, and for a local photo that does not exist.
     """
     for source in sources:
         photo = None
-        for photo in _photos(source, must_exist):
+        for photo in _photos(source):
             path, name = photo
             yield path, posixpath.splitext(name.replace(os.sep, "/"))[0]
         if photo is None:
@@ -50,12 +49,11 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
 def local_photos(sources: Iterable[str]) -> list[str]:
     """Return the path of each photo of the sources, for commands that read only local files.
 
-    URLs and the names of missing files stay in the result. The command raises an error when it
-    reads them.
+    URLs stay in the result. The command raises an error when it reads them.
     """
     paths: list[str] = []
     for source in sources:
-        paths += [source] if is_url(source) else [path for path, _ in photos_of([source], False)]
+        paths += [source] if is_url(source) else [path for path, _ in photos_of([source])]
     return paths
 
 
@@ -64,7 +62,7 @@ def is_picture(name: str) -> bool:
     return name.lower().endswith(SUFFIXES) and not name.startswith(".")
 
 
-def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
+def _photos(source: str) -> Iterator[tuple[str, str]]:
     """Yield (path or URL, name of the output) for each photo.
 
     Here the name of the output still ends in the suffix of the photo.
@@ -85,8 +83,7 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
                 if not os.path.isdir(path):
                     yield path, os.path.relpath(path, _folder_of_pattern(source) or ".")
         else:
-            if must_exist:
-                os.lstat(source)  # raises OSError if there is no such file
+            os.lstat(source)  # raises OSError if there is no such file
             yield source, os.path.basename(source)
 
 
@@ -144,8 +141,7 @@ class ListedPhoto:
 
     path     path of the file
     name     `file` on one line, with control characters escaped
-    file     the file's name. If another photo has the same name, the folders before it are added
-             until no other path has the same end.
+    file     the file's name, or the whole path if another photo has the same name
     slug     name for the output file or folder of this photo, which no other photo has. It
              consists of a-z, 0-9 and -.
     digest   SHA-256 of the file's bytes, or None if the file cannot be read
@@ -180,28 +176,17 @@ def listed_photos(
         raise refusal(name, "a sequence of paths", quoted(paths)) from error
     if not once:
         raise refusal(name, "the paths of one or more photos", quoted(paths))
-    texts = list(once.values())
-    slugs = [slug_of(Path(path).stem) for path in texts]
-    shared, photos = Counter(slugs), []
-    for path, file, slug in zip(texts, _unique_ends(texts), slugs, strict=True):
-        if shared[slug] > 1:
+    names = Counter(Path(path).name for path in once.values())
+    slugs = Counter(slug_of(Path(path).stem) for path in once.values())
+    photos = []
+    for path in once.values():
+        file, slug = Path(path).name, slug_of(Path(path).stem)
+        if names[file] > 1:
+            file = Path(path).as_posix()
+        if slugs[slug] > 1:
             slug += f"-{hashlib.sha256(file.encode(errors='surrogatepass')).hexdigest()[:12]}"
         photos.append(ListedPhoto(path, on_one_line(file), file, slug, *_digest(path)))
     return photos
-
-
-def _unique_ends(paths: Sequence[str]) -> list[str]:
-    """Return a name for each path: the last parts of the path, as few as make the name unique.
-
-    If no other file has the same name, this is the name of the file.
-    """
-    parts = [Path(path).absolute().parts for path in paths]
-    all_ends = [[own[-length:] for length in range(1, len(own) + 1)] for own in parts]
-    shared = Counter(end for ends in all_ends for end in ends)
-    return [
-        Path(*next((end for end in ends if shared[end] == 1), ends[-1])).as_posix()
-        for ends in all_ends
-    ]
 
 
 def slug_of(name: str) -> str:

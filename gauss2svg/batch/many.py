@@ -289,26 +289,15 @@ class Summary:
 
     def progress_text(self, count: int) -> str:
         """Return text with the speed, failures and remaining time of a batch of `count` photos."""
-        rate = (self.done + self.failed) / self._seconds
-        left = timedelta(seconds=round((count - self.total) / rate)) if rate else "unknown time"
-        return f"{_speed(rate)}, {self.failed:,} failed, {left} left"
-
-    @property
-    def _seconds(self) -> float:
-        # The clock may not have moved yet, and a speed is divided by this number.
-        return max(time.monotonic() - self._begun, 1e-3)
+        seconds = (time.monotonic() - self._begun) / max(1, self.done + self.failed)
+        left = timedelta(seconds=round(seconds * (count - self.total)))
+        return f"{seconds:.3g} s a photo, {self.failed:,} failed, {left} left"
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the final summary."""
-        seconds = self._seconds
         counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
-        yield f"{counts} in {seconds:.1f} s: {_speed(self.done / seconds)}"
+        yield f"{counts} in {time.monotonic() - self._begun:.1f} s"
         yield from self._failures
-
-
-def _speed(rate: float) -> str:
-    """Return text for a number of photos per second, which is the seconds of a photo below 1."""
-    return f"{1 / rate:.3g} s a photo" if 0 < rate < 1 else f"{rate:.3g} photos a second"
 
 
 def as_cell(value: Any) -> Any:

@@ -228,7 +228,7 @@ def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatc
         summary.add(PhotoRecord("a.png", "a.svg", **given))
     assert summary.progress_text(13) == "5 s a photo, 1 failed, 0:00:50 left"
     monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=lambda: 5.0))
-    assert list(Summary().lines()) == ["0 done, 0 skipped, 0 failed in 0.0 s: 0 photos a second"]
+    assert list(Summary().lines()) == ["0 done, 0 skipped, 0 failed in 0.0 s"]
 
 
 def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp_path):

@@ -68,8 +68,8 @@ def test_interrupted_and_killed_and_run_again_is_run_once(photos, quiet, tmp_pat
     engine.wait_held("08", command)
     workers = engine.workers(command)
     command.kill()
+    engine.hold("none")  # workers end once they have their photo
     assert ended(command)[0] == -signal.SIGKILL
-    engine.hold("none")
     assert all(map(has_ended, workers))
     check_whole(out, quiet)
     engine.hold("10")

@@ -16,8 +16,8 @@ from gauss2svg.pipeline.placeholder import Placeholder
 
 pytestmark = pytest.mark.usefixtures("hasty")
 EMPTY = {
-    "json": "[]", "object": "{}", "html": '<img src="a.png">',
-    "picture": '<picture><img src="a.png"></picture>',
+    "json": "[]", "object": "{}", "html": '<img src="a.png">\n',
+    "picture": '<picture><img src="a.png"></picture>\n',
     "svg": '<svg viewBox="0 0 1 1"><desc>written by gauss2svg</desc></svg>',
 }  # fmt: skip
 
@@ -87,19 +87,18 @@ def test_where_every_photo_fails_nothing_is_written(form, folder, capfdbinary):
     assert b"--max-bytes must be at least" in err
 
 
-@pytest.mark.parametrize("form", ["json", "html"])
 def test_a_photo_that_fails_keeps_its_entry_and_one_that_is_not_given_loses_it(
-    form, folder, capsys, counted
+    folder, capsys, counted
 ):
-    command = f"bad.png --format {form} -o o"
+    command = "bad.png -o o.json"
     make(command, "two words.png", "one.png")
-    before = Path("o").read_text()
+    before = Path("o.json").read_text()
     Path("one.png").write_bytes(b"no picture any more")
     assert make(command, "two words.png", "one.png") == 1
-    assert Path("o").read_text() == before
+    assert Path("o.json").read_text() == before
     assert "2 failed; 1 of them kept from before" in capsys.readouterr().err
     assert make(command, "two words.png") == 1
-    assert "one.png" not in Path("o").read_text()
+    assert "one.png" not in Path("o.json").read_text()
 
 
 @pytest.mark.parametrize("form", ["json", "object"])
