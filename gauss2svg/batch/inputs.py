@@ -21,7 +21,7 @@ from gauss2svg.files import PATTERN, STANDARD_STREAM, is_pattern, reading, stand
 from gauss2svg.photo import SUFFIXES
 
 
-def photos_of(sources: Iterable[str]) -> Iterator[tuple[str, str]]:
+def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
     """Yield (path or URL, name of the output without a suffix) for each photo of the sources.
 
     A source is one of these four:
@@ -34,11 +34,12 @@ def photos_of(sources: Iterable[str]) -> Iterator[tuple[str, str]]:
     of an output is that whole path.
     Any other source is one photo. The name of its output is the last part of its path.
 
-    Raise InputError for a source without photos, and for a local photo that does not exist.
+    Raise InputError for a source without photos. If `must_exist` is True, also raise it if a source
+    is one local photo that does not exist.
     """
     for source in sources:
         photo = None
-        for photo in _photos(source):
+        for photo in _photos(source, must_exist):
             path, name = photo
             yield path, posixpath.splitext(name.replace(os.sep, "/"))[0]
         if photo is None:
@@ -49,11 +50,12 @@ def photos_of(sources: Iterable[str]) -> Iterator[tuple[str, str]]:
 def local_photos(sources: Iterable[str]) -> list[str]:
     """Return the path of each photo of the sources, for commands that read only local files.
 
-    URLs stay in the result. The command raises an error when it reads them.
+    URLs and the names of missing files stay in the result. The command raises an error when it
+    reads them.
     """
     paths: list[str] = []
     for source in sources:
-        paths += [source] if is_url(source) else [path for path, _ in photos_of([source])]
+        paths += [source] if is_url(source) else [path for path, _ in photos_of([source], False)]
     return paths
 
 
@@ -62,7 +64,7 @@ def is_picture(name: str) -> bool:
     return name.lower().endswith(SUFFIXES) and not name.startswith(".")
 
 
-def _photos(source: str) -> Iterator[tuple[str, str]]:
+def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
     """Yield (path or URL, name of the output) for each photo.
 
     Here the name of the output still ends in the suffix of the photo.
@@ -83,7 +85,8 @@ def _photos(source: str) -> Iterator[tuple[str, str]]:
                 if not os.path.isdir(path):
                     yield path, os.path.relpath(path, _folder_of_pattern(source) or ".")
         else:
-            os.lstat(source)  # raises OSError if there is no such file
+            if must_exist:
+                os.lstat(source)  # raises OSError if there is no such file
             yield source, os.path.basename(source)
 
 

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
-from gauss2svg.errors import Gauss2SvgError, InputError, brief, of_file, quoted, refusal
+from gauss2svg.errors import Gauss2SvgError, brief, of_file, quoted, refusal
 from gauss2svg.files import (
     FILE_ENDINGS,
     STANDARD_STREAM,
@@ -96,10 +96,7 @@ class PlaceholderList:
             sources = {file for photo in self.photos for file in _sources(photo)}
             self.photos = [photo for photo in self.photos if Path(photo.path) not in sources]
         elif self._is_one_svg and len(self.photos) > 1:
-            if output == STANDARD_STREAM:
-                raise InputError("--output must be given for several SVGs. Try -o folder")
-            advice = str(Path(output).with_suffix(""))
-            raise refusal("--output", "a folder for several SVGs", quoted(output), advice)
+            raise refusal("--output", "a folder for several SVGs", quoted(output), "-o svgs/")
         keys = [self._key(photo) for photo in self.photos]
         if options.format == "svg" and not self._is_one_svg:
             for key in keys:

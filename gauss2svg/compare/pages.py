@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import statistics
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -23,7 +22,7 @@ from urllib.parse import quote
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
-from gauss2svg.compare.records import COUNTS, TOOL, Row
+from gauss2svg.compare.records import COUNTS, Row
 from gauss2svg.compare.variants import (
     Variant,
     entries_of,
@@ -187,10 +186,9 @@ def build_gallery(
             svgs = [task for photo in plan if grid.has_succeeded(photo) for task in plan[photo]]
             for _ in grid.run(svgs, pool, run.make_svg):
                 pass
-    except KeyboardInterrupt:
-        write()
-        raise
-    return write()
+    finally:
+        gallery = write()
+    return gallery
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:
@@ -248,18 +246,11 @@ def write_pages(
     parts = {key: name for key, name in COUNTS.items() if key in in_any}
     scores = [s for s in SCORES if s.always or any(row[s.key] is not None for row in rows)]
     versions = {version for report in reports for version in report.get("versions", {}).items()}
-    versions |= {
-        (row["tool"], row["tool_version"])
-        for row in rows
-        if row["tool"] != TOOL and row["tool_version"]
-    }
+    versions |= {(row["tool"], row["tool_version"]) for row in rows if row["tool_version"]}
     unmeasured = dict.fromkeys(
         line for report in reports for line in report.get("scores_missing", ())
     )
-    origins = Counter(
-        (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
-        for row in rows
-    )
+    machines = dict.fromkeys(chart.machine_text(row["machine"]) for row in rows)
     environment = chart.template_environment()
     environment.globals |= {
         **document,
@@ -267,7 +258,7 @@ def write_pages(
         "reports": reports, "scores": scores, "parts": parts, "explained": ON_REQUEST,
         "costs": chart.COSTS, "unmeasured": unmeasured,
         "chart_of": partial(chart_of, results, variants), "versions": sorted(versions),
-        "origins": origins, "heatmap": heatmap, "files": run,
+        "machines": machines, "heatmap": heatmap, "files": run,
     }  # fmt: skip
 
     def page(template: str, folder: str = "", **more: Any) -> bytes:

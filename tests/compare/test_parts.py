@@ -143,9 +143,7 @@ def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch)
     assert [photo.name for photo in listed_photos(paths)] == ["one.png", "other.png"]
 
 
-@pytest.mark.parametrize(
-    ("height", "width", "side"), [(9, 14, 4), (3, 14, 5), (12, 6, 6), (1, 1, 3)]
-)
+@pytest.mark.parametrize(("height", "width", "side"), [(9, 14, 4), (3, 14, 5), (1, 1, 3)])
 def test_crops_are_the_worst_window_and_one_of_the_median_error(height, width, side):
     image, other = np.random.default_rng(0).random((2, height, width, 3))
     down, across = min(side, height), min(side, width)

@@ -64,7 +64,7 @@ def outputs(folder: Path) -> dict[str, bytes]:
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in folder.rglob("*")
-        if path.is_file() and STATE not in path.parts
+        if path.is_file() and STATE not in path.parts and path.name[0] != "."  # unfinished
     }
 
 
