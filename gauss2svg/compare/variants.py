@@ -29,7 +29,7 @@ from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.options import Field, fields_of
 from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
-from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan
+from gauss2svg.pipeline.plan import PRESETS, Plan
 from gauss2svg.version import __version__
 
 
@@ -252,12 +252,10 @@ def variants_of(
 def main_variant(variants: Sequence[Variant]) -> Variant:
     """Return the variant that pages show first.
 
-    It is that of the default options, or if that is missing, the variant in the middle of the list.
+    It is the one in the middle of the list, because presets are listed from the fastest on.
     """
     own = [variant for variant in variants if variant.is_own] or variants
-    defaults = {name: field.default for name, field in AXES.items()} | {"quality": DEFAULT_PRESET}
-    usual = (v for v in own if v.is_own and dict(v.settings).items() <= defaults.items())
-    return next(usual, own[len(own) // 2])
+    return own[len(own) // 2]
 
 
 def _sequence(name: str, values: Any) -> list[Any]:

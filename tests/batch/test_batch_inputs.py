@@ -108,9 +108,9 @@ def test_names_that_differ_by_case_are_one_where_the_disk_folds_it(tmp_path, mon
         ("in -o out --options gone.toml", "cannot read gone.toml: No such file"),
         ("in -o out --options bad.toml", "bad.toml must be TOML, such as quality = \"draft\"; got"),
         ("in -o out --options table.toml", "must be options without tables; got the table [goal]"),
+        ("in -o out --scheduler localhost", "with a port; got 'localhost'. Try tcp:"),
         ("latin.txt -o out", "latin.txt must be a text in UTF-8; got another encoding at byte 12"),
         ("wide.txt -o out", "wide.txt must be a text in UTF-8; got null characters. Try saving it"),
-        ("in -o out --scheduler localhost", "a port of 1..65535; got 'localhost'. Try tcp:"),
     ],
 )  # fmt: skip
 def test_what_cannot_work_is_refused_in_one_line(words, line, tmp_path, monkeypatch, refusal):
