@@ -20,7 +20,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, BinaryIO, TypeVar
+from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
 from gauss2svg.errors import InputError, OutputError, brief, on_one_line, quoted, refusal
 
@@ -34,7 +34,6 @@ FILE_ENDINGS = (*SVG_ENDINGS, ".json", ".html", ".htm", ".csv", ".png", ".npz", 
 PATTERN = re.compile(r"[*?\[]")  # a wildcard in a file name
 UTF16_MARKS = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 FileName = str | os.PathLike[str]
-_Name = TypeVar("_Name", str, Path, FileName)
 _BINARY = getattr(os, "O_BINARY", 0)
 
 
@@ -163,7 +162,7 @@ def write_atomically(path: FileName, data: bytes) -> None:
     write_all_atomically({path: data})
 
 
-def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
+def write_all_atomically(files: Mapping[Any, bytes]) -> None:
     """Write files as write_atomically does, but rename none of them before all are on the disk.
 
     If the disk is full, all old files are therefore unchanged. The files are renamed one by one.

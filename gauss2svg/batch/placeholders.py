@@ -10,7 +10,6 @@ import json
 import os
 import re
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
@@ -35,11 +34,6 @@ from gauss2svg.pipeline.placeholder import (
 )
 from gauss2svg.svg.file import is_own
 from gauss2svg.version import __version__
-
-# {suffix: media type} of better formats. If photo.avif or photo.webp is in the folder of photo.jpg,
-# the <picture> of photo.jpg offers this file too. The best format comes first, because a browser
-# takes the first file whose type it supports.
-_SOURCES = {".avif": "image/avif", ".webp": "image/webp"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,10 +234,15 @@ def _format_of(output: str, form: Any) -> Any:
 
 def _sources(photo: ListedPhoto) -> dict[Path, str]:
     """Return {file: media type} of existing files that browsers should prefer to the photo."""
-    own = Path(photo.path)
-    better = takewhile(lambda suffix: suffix != own.suffix.lower(), _SOURCES)
-    files = {own.with_suffix(end): _SOURCES[end] for end in better if photo.problem is None}
-    return {file: kind for file, kind in files.items() if file.is_file()}
+    own, sources = Path(photo.path), {}
+    # The best format comes first, because a browser takes the first file whose type it supports.
+    for kind in ("avif", "webp"):
+        file = own.with_suffix(f".{kind}")
+        if photo.problem is not None or file.suffix == own.suffix.lower():
+            break
+        if file.is_file():
+            sources[file] = f"image/{kind}"
+    return sources
 
 
 def _url(path: str) -> str:

@@ -44,7 +44,6 @@ NUMBERS = (
     *COUNTS, "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
     *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
 )  # fmt: skip
-_OUTPUTS = ("gallery.json", "gallery.csv", "index.html", "trade-off.html", "how.html")
 
 
 @dataclass(frozen=True)
@@ -198,14 +197,15 @@ def _folder(directory: str | os.PathLike[str]) -> Path:
     that is not part of a gallery.
     """
     root = output_folder(directory, ())
+    outputs = ("gallery.json", "gallery.csv", "index.html", "trade-off.html", "how.html")
     if not (root / "gallery.jsonl").exists():
-        for name in (*_OUTPUTS, "photos", "assets"):
+        for name in (*outputs, "photos", "assets"):
             if os.path.lexists(root / name):
                 line = "exists and is not part of a gallery, so it is kept. Try another folder"
                 raise OutputError(f"{root / name} {line}")
         (root / "gallery.jsonl").touch()
     output_folder(root / "assets", ())
-    return output_folder(root, ("gallery.jsonl", *_OUTPUTS))
+    return output_folder(root, ("gallery.jsonl", *outputs))
 
 
 def write_pages(
@@ -266,7 +266,7 @@ def write_pages(
         return html.render(page=template, root=folder, **more).encode()
 
     static = files("gauss2svg.compare") / "static"
-    contents: dict[str | os.PathLike[str], bytes] = {
+    contents = {
         root / "gallery.json": as_json(document),
         root / "gallery.csv": csv_text(rows).encode(),
         **{root / f"{name}.html": page(name) for name in ("index", "trade-off", "how")},

@@ -48,11 +48,6 @@ from gauss2svg.svg import NAMESPACE
 from gauss2svg.svg.file import MOST_BYTES, file_bytes, is_own, read_source
 
 Request = Mapping[str, Any]
-# Keys that a record of the benchmark has of a report of gauss2svg, besides those of all files.
-_FIT_KEYS = (
-    "fit_width", "fit_height", *COUNTS, "iterations", "rounds", "stop_reason", "threads",
-    "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
-)  # fmt: skip
 # Side (px) of a crop. Pages show crops enlarged 3 times, and five of them fit side by side on the
 # screen of a laptop.
 SIDE = 74
@@ -104,7 +99,12 @@ def measure_alone(request: Request) -> dict[str, Any]:
 def measure_run(request: Request) -> dict[str, Any]:
     """Return the benchmark's record of a run that is made in this process."""
     is_own = request["tool"] == TOOL
-    names = FILE_KEYS + (_FIT_KEYS if is_own else tuple(COUNTS))
+    names = [*FILE_KEYS, *COUNTS]
+    if is_own:
+        names += [
+            "fit_width", "fit_height", "iterations", "rounds", "stop_reason", "threads",
+            "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
+        ]  # fmt: skip
     if request.get("file") == "":
         report, used = request["numbers"], {}
     else:

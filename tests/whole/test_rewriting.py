@@ -42,7 +42,7 @@ COMMANDS = {
 }  # fmt: skip
 
 
-SLOW = {"Gaussians", "placeholder", "HTML"}
+SLOW = {"Gaussians", "placeholder", "HTML", "inks"}
 
 
 @pytest.fixture(scope="module")
