@@ -236,7 +236,7 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
     usual = Header(4000, 3000, has_alpha=False)  # 12 megapixels, like a photo from a camera
     cores, free = thread_count(None), memory_limit(None)
     threads, memory = options.run.threads, options.run.max_memory
-    needed = max(load_of(Plan(options), usual).bytes, memory or 0)
+    needed = max(load_of(Plan(options), usual).bytes, int(memory or 0))
     workers = workers or max(1, min(cores // (threads or 1), free // needed, photos))
     memory = memory or free // workers
     threads = threads or max(1, cores // workers)
