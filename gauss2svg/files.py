@@ -20,7 +20,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, BinaryIO, TypeVar
+from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
 from gauss2svg.errors import InputError, OutputError, brief, on_one_line, quoted, refusal
 
@@ -34,7 +34,6 @@ FILE_ENDINGS = (*SVG_ENDINGS, ".json", ".html", ".htm", ".csv", ".png", ".npz", 
 PATTERN = re.compile(r"[*?\[]")  # a wildcard in a file name
 UTF16_MARKS = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 FileName = str | os.PathLike[str]
-_Name = TypeVar("_Name", str, Path, FileName)
 _BINARY = getattr(os, "O_BINARY", 0)
 
 
@@ -86,21 +85,15 @@ def write_output(data: bytes) -> None:
 def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
     """Open a regular file for reading. Raise InputError, with advice, if it cannot be read.
 
-    Pipes and devices are refused before they are read, because reading a pipe to which nobody
-    writes would wait for ever.
+    Pipes and devices are refused, because reading a pipe without a writer would wait for ever.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY)
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            os.close(descriptor)
-            raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
+        if os.path.exists(path) and not os.path.isfile(path):
+            raise OSError(errno.EINVAL, "it is not a regular file")
+        descriptor = os.open(path, os.O_RDONLY | _BINARY)
     except (OSError, ValueError) as error:
-        # A folder needs an error message of its own, because Windows reports only "permission
-        # denied" for it, and other systems open it without an error.
-        is_folder = os.path.isdir(path)
-        reason = "it is a folder, not a regular file" if is_folder else reason_of(error)
         name = os.fsdecode(path)
-        raise InputError(f"cannot read {name}: {reason}. Try {advice}") from error
+        raise InputError(f"cannot read {name}: {reason_of(error)}. Try {advice}") from error
     with open(descriptor, "rb") as file:
         yield file
 
@@ -129,15 +122,10 @@ def check_writable(path: FileName) -> None:
     """Raise OutputError if no file can be written at `path`. No existing file is changed."""
     target, problem = Path(path), ""
     with writing(target):
-        _refuse_device(target)
-        # This raises OSError for circular links. exists() would say that the file does not exist.
-        _mode_of(target)
         if target.is_dir():
             problem = "it is a folder. Try a file name"
         elif target.exists() and not os.access(target, os.W_OK):
             problem = "it is read-only. Try another name"
-        elif sys.platform == "win32" and target.is_file():
-            replace(target, target)  # raises OSError if a program has the file open
         elif not target.exists() or target.is_file():
             with tempfile.TemporaryFile(dir=os.path.dirname(os.path.realpath(target))):
                 pass
@@ -174,35 +162,31 @@ def write_atomically(path: FileName, data: bytes) -> None:
     write_all_atomically({path: data})
 
 
-def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
+def write_all_atomically(files: Mapping[Any, bytes]) -> None:
     """Write files as write_atomically does, but rename none of them before all are on the disk.
 
     If the disk is full, all old files are therefore unchanged. The files are renamed one by one.
     If a rename fails or is interrupted, the files that were renamed before are new, and the others
-    are old. Pipes and devices cannot be replaced by a rename, so they are written just before the
+    are old. Pipes and devices cannot be replaced by a rename, so they are written before the
     renames. Raise OutputError for the first file that cannot be written.
     """
     for path in files:
         check_writable(path)
     parts: dict[Path, Path] = {}  # {temporary path of a regular file: its final path}
-    contents = [(Path(name), data) for name, data in files.items()]
     try:
-        for target, data in contents:
-            with writing(target):
-                if not target.exists() or target.is_file():
-                    # If the target is a symbolic link, the file to which it leads is replaced, and
-                    # the link stays.
-                    real = Path(os.path.realpath(target))
-                    part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
-                    # The part is added to `parts` before it exists, so that it is removed even if
-                    # writing it fails.
-                    parts[part] = real
-                    _write_new(part, data, _mode_of(real))
-        for target, data in contents:
+        for target, data in ((Path(name), data) for name, data in files.items()):
             with writing(target):
                 if target.exists() and not target.is_file():
-                    with target.open("wb", buffering=0) as stream:
-                        _write_all(stream.fileno(), data)
+                    target.write_bytes(data)
+                    continue
+                # If the target is a symbolic link, the file to which it leads is replaced, and the
+                # link stays.
+                real = Path(os.path.realpath(target))
+                part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
+                # The part is added to `parts` before it exists, so that it is removed even if
+                # writing it fails.
+                parts[part] = real
+                _write_new(part, data, stat.S_IMODE(real.stat().st_mode) if real.exists() else None)
         for part, target in parts.items():
             with writing(target):
                 replace(part, target)
@@ -223,70 +207,17 @@ def replace(source: FileName, target: FileName) -> None:
     return os.replace(source, target)
 
 
-def is_device(name: str) -> bool:
-    """Return whether Windows takes a file name for the name of a device: con, aux.svg, COM1.txt.
-
-    Source: Microsoft, "Naming Files, Paths, and Namespaces".
-    """
-    devices = r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³]) *([.:]|$)"
-    return re.match(devices, name, re.IGNORECASE) is not None
-
-
-def _refuse_device(path: Path) -> None:
-    # The device nul is allowed, because users name it in order to discard an output.
-    if sys.platform == "win32" and is_device(path.name) and path.name.lower() != "nul":
-        raise OSError(errno.EINVAL, "Windows takes the name for that of a device")
-
-
-def write_whole(path: Path, data: bytes, part: Path, sync: bool = True) -> None:
-    """Write a new file `part`, and rename it to `path`, which must be on the same disk.
-
-    Unlike write_atomically, this function checks nothing beforehand and does not keep permissions.
-    It is meant for large numbers of files that only this program writes. Without `sync`, a power
-    cut may leave an empty file. Raise OutputError if the file cannot be written.
-    """
-    try:
-        with writing(path):
-            _refuse_device(path)
-            _write_new(part, data, None, sync)
-            replace(part, path)
-    except BaseException:
-        with suppress(OSError, ValueError):  # raised if `part` was not created
-            part.unlink()
-        raise
-
-
-def _mode_of(target: Path) -> int | None:
-    """Return the permissions of a file, or None if it does not exist."""
-    try:
-        return stat.S_IMODE(target.stat().st_mode)
-    except FileNotFoundError:
-        return None
-
-
-def _write_new(path: Path, data: bytes, mode: int | None, sync: bool = True) -> None:
-    """Create a file with the permissions `mode`, or with the usual permissions if `mode` is None.
-
-    If `sync` is True, return only when the file is on the disk.
-    """
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
+def _write_new(path: Path, data: bytes, mode: int | None) -> None:
+    """Create a file on the disk with the permissions `mode`, or with the usual ones for None."""
     # The permissions `mode` are set only when the file is complete. Until then, only this user can
     # read the file.
-    descriptor = os.open(path, flags, 0o666 if mode is None else 0o600)
-    try:
-        _write_all(descriptor, data)
-        if sync:
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
+    with open(os.open(path, flags, 0o666 if mode is None else 0o600), "wb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
     if mode is not None:
         os.chmod(path, mode)
-
-
-def _write_all(descriptor: int, data: bytes) -> None:
-    rest = memoryview(data)
-    while rest:
-        rest = rest[os.write(descriptor, rest) :]
 
 
 def folds_case(folder: FileName) -> bool:
@@ -343,7 +274,7 @@ def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
     descriptions = dict(inputs)
     for target in map(os.fspath, targets):
         for name, description in descriptions.items():
-            if _is_same_file(name, target):
+            if name != STANDARD_STREAM and _is_same_file(name, target):
                 got = f"{target}, which is also {description}"
                 raise refusal("output", "a file of its own", got, "another name")
         descriptions[target] = "another output"
@@ -352,33 +283,12 @@ def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
 
 
 def _is_same_file(name: str, other: str) -> bool:
-    """Return whether two names stand for the same file.
-
-    Two different names can stand for one file because of links, or because the folder ignores case.
-    """
-    if name == STANDARD_STREAM:
-        return _is_standard_input(other)
+    """Return whether two names stand for the same file, for example because of links."""
     try:
         first, second = (os.path.realpath(path) for path in (name, other))
-        if first == second:
-            return True
-        if os.path.lexists(first) and os.path.lexists(second):
-            return os.path.samefile(first, second)
+        return first == second or os.path.samefile(first, second)
     except (OSError, ValueError):
-        return False  # the error will be raised when the file is read or written
-    # Two files that exist were compared above. Here at most one of them exists, so only their names
-    # can be compared. Names that differ only in case stand for the same file if the file system
-    # ignores case.
-    return first.casefold() == second.casefold() and folds_case(os.path.dirname(second))
-
-
-def _is_standard_input(path: str) -> bool:
-    """Return whether standard input comes from this file, as after `< photo.png`."""
-    try:
-        status = os.fstat(sys.stdin.fileno())
-        return stat.S_ISREG(status.st_mode) and os.path.samestat(status, os.stat(path))
-    except (AttributeError, OSError, ValueError):
-        return False  # standard input is closed, or there is no file at this path
+        return False  # one of them does not exist
 
 
 def saved(save: Callable[[BinaryIO], object]) -> bytes:

@@ -11,18 +11,15 @@ import pickle
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from itertools import islice
 from typing import Any
 
-import psutil
-
 from gauss2svg import processes
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.processes import end_of, end_tree, end_with_parent
+from gauss2svg.processes import end_of, end_tree
 
 
 class WorkerDiedError(Gauss2SvgError, RuntimeError):
@@ -37,7 +34,6 @@ class _Job(Future[Any]):
     # back or kill a process.
     lock = threading.Lock()
     process: subprocess.Popen[bytes] | None = None
-    ends_at = float("inf")
     reason: Exception | None = None  # reason why the process was killed
 
     def cancel(self) -> bool:
@@ -59,24 +55,20 @@ class Pool:
     """A pool of up to `workers` processes. Use it in a with statement.
 
     A process is started when a job needs one. When the with block ends, all processes end.
-
-    memory  limit for the memory of a process, in bytes. A process that exceeds it is killed. None
-            means no limit.
     """
 
-    def __init__(self, workers: int, memory: int | None = None) -> None:
-        self.workers, self._memory = workers, memory
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
         self._threads = ThreadPoolExecutor(workers)
         self._idle: list[subprocess.Popen[bytes]] = []
         self._jobs: set[_Job] = set()
-        self._is_closed = threading.Event()
+        self._is_closed = False
 
     def __enter__(self) -> Pool:
-        threading.Thread(target=self._watch, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._is_closed.set()
+        self._is_closed = True
         for job in tuple(self._jobs):
             job.cancel()
         self._threads.shutdown()
@@ -91,7 +83,7 @@ class Pool:
         job = _Job()
         self._jobs.add(job)
         request = pickle.dumps(pickle.dumps((function, args)))
-        self._threads.submit(self._work, job, request, timeout or float("inf"))
+        self._threads.submit(self._work, job, request, timeout)
         return job
 
     def _work(self, job: _Job, request: bytes, timeout: float) -> None:
@@ -116,15 +108,20 @@ class Pool:
             process = self._idle.pop() if self._idle else _start()
             if process.poll() is not None:
                 process = _start()
-            job.process, job.ends_at = process, time.monotonic() + timeout
-        if self._is_closed.is_set():
+            job.process = process
+        if self._is_closed:
             job.cancel()
+        timer = threading.Timer(timeout, job.end, [TimeoutError("it took too long")])
+        timer.daemon = True
+        if timeout:
+            timer.start()
         try:
             process.stdin.write(request)  # pyright: ignore[reportOptionalMemberAccess]
             process.stdin.flush()  # pyright: ignore[reportOptionalMemberAccess]
             answer = pickle.load(process.stdout)  # pyright: ignore[reportArgumentType]
         except Exception:  # the process has closed the pipe, or its answer is incomplete
             answer = (False, job.reason or WorkerDiedError(end_of(_end(process))))
+        timer.cancel()
         with job.lock:
             job.process = None
             if job.reason is None and process.poll() is None:
@@ -135,40 +132,28 @@ class Pool:
         # process has caused.
         return answer if job.reason is None else (False, job.reason)
 
-    def _watch(self) -> None:
-        """Kill the process of each job that exceeds its time limit or the memory limit."""
-        while not self._is_closed.wait(0.1):  # s
-            for job in tuple(self._jobs):
-                if time.monotonic() > job.ends_at:
-                    job.end(TimeoutError("it took too long"))
-                with suppress(psutil.NoSuchProcess):
-                    if self._memory and (process := job.process) is not None:
-                        rss = psutil.Process(process.pid).memory_info().rss
-                        if rss > self._memory:
-                            job.end(WorkerDiedError(f"it took {rss / 1e6:.0f} MB of memory"))
-
 
 def completed(
     submit: Callable[[Any], Future[Any]],
     requests: Iterator[Any],
-    width: Callable[[], int],
+    width: int,
 ) -> Iterator[tuple[Any, Future[Any]]]:
     """Yield each request with its finished future, in the order in which jobs end.
 
     Closing the iterator cancels the remaining jobs.
 
     requests  iterator that is advanced only when a request can be submitted
-    width     function that returns how many submitted requests may be unfinished at the same time
+    width     largest number of submitted requests that are unfinished at the same time
     """
     jobs: dict[Future[Any], Any] = {}
     try:
         while True:
             processes.pending()
-            for request in islice(requests, max(0, width() - len(jobs))):
+            for request in islice(requests, width - len(jobs)):
                 jobs[submit(request)] = request
             if not jobs:
                 return
-            # If no job ends in a second, `width` is called again.
+            # The wait ends after a second, so that `pending` is called.
             for job in wait(jobs, 1.0, FIRST_COMPLETED).done:
                 yield jobs.pop(job), job
     finally:
@@ -204,7 +189,6 @@ def _serve() -> None:
     Return when one of these streams is closed.
     """
     processes.keep_freed_memory()
-    end_with_parent(os.getppid())
     answers = os.fdopen(os.dup(1), "wb")
     # Text that a job prints goes to standard error, so that it is not mixed with the answers.
     os.dup2(2, 1)

@@ -1,8 +1,7 @@
 """Start and end child processes, and manage the memory of this process.
 
 `run` starts a child process and waits until it ends. `NEW_GROUP` and `end_tree` are for children
-that run while this process continues. The memory of this process is limited by the machine, by the
-container, and by limits that are set for the process.
+that run while this process continues.
 """
 
 from __future__ import annotations
@@ -12,8 +11,6 @@ import re
 import shlex
 import signal
 import sys
-import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -24,7 +21,6 @@ from typing import NamedTuple
 # another group, so `end_tree` has to end it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
 MEMORY_SHARE = 0.8  # share of the free memory that this program may take by default
-_CHECK_S = 0.2  # seconds between two checks whether the parent is alive
 
 
 def nothing() -> None:
@@ -158,18 +154,6 @@ def end_tree(process_id: int) -> None:
             os.killpg(process_id, signal.SIGKILL)
 
 
-def end_with_parent(parent: int) -> None:
-    """Start a thread that kills this process and its children when process `parent` has ended."""
-    import psutil
-
-    def wait() -> None:
-        while (now := psutil.Process().parent()) is not None and now.pid == parent:
-            time.sleep(_CHECK_S)
-        end_tree(os.getpid())
-
-    threading.Thread(target=wait, daemon=True).start()
-
-
 def end_of(status: int) -> str:
     """Return text on how a process with this exit status ended."""
     if 0 <= status < 256:
@@ -184,10 +168,9 @@ def end_of(status: int) -> str:
 
 def command_line(words: Sequence[str]) -> str:
     """Return a command as a user types it in a POSIX shell, or on Windows in cmd or PowerShell."""
-    if sys.platform != "win32":
-        return shlex.join(words)
-    is_safe = re.compile(r"[\w@+=:,./\\-]+", re.ASCII).fullmatch
-    return " ".join(word if is_safe(word) else f'"{word}"' for word in words)
+    import subprocess
+
+    return (subprocess.list2cmdline if sys.platform == "win32" else shlex.join)(words)
 
 
 def held_bytes() -> int:
@@ -201,68 +184,19 @@ def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = Path("/sys/fs
     """Return the number of bytes of memory that this process can still take."""
     import psutil
 
-    bounds = [*_left_by_cgroups(process, cgroups), *_left_by_rlimits()]
-    return max(0, min([psutil.virtual_memory().available, *bounds]))
-
-
-def _left_by_cgroups(process: Path, cgroups: Path) -> list[int]:
-    """Return how many more bytes this process may take in each of its control groups (Linux).
-
-    A control group may limit the memory of its processes. Groups without a limit are left out.
-    """
-    try:
-        lines = (process / "cgroup").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return []
-    left: list[int | None] = []
-    for _, controllers, path in (line.split(":", 2) for line in lines):
-        root = cgroups
-        names = "memory.max", "memory.current", "inactive_file"
-        if "memory" in controllers.split(","):
-            root = cgroups / "memory"
-            names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
-        elif controllers:
-            continue
-        # The limits of a group also hold for the groups in it. So the limits of this group and of
-        # all groups above it are read, up to `root`. In a container, `path` may be the group's path
-        # on the host, which does not exist in the container. The limits of the group are then found
-        # at `root`.
-        groups = [root / path.strip("/"), *(root / path.strip("/")).parents]
-        left += [_left_by_cgroup(group, *names) for group in groups[: groups.index(root) + 1]]
-    return [free for free in left if free is not None]
-
-
-def _left_by_cgroup(group: Path, limit_file: str, usage_file: str, cached: str) -> int | None:
-    """Return how many more bytes of memory the processes of a control group may take together.
-
-    Return None if the group has no limit or does not exist.
-    """
-    try:
-        names = limit_file, usage_file, "memory.stat"
-        limit, used, stat = ((group / name).read_text(encoding="utf-8") for name in names)
-        # Without a limit, cgroup v1 reports a number larger than the memory of any machine.
-        if limit.strip() == "max" or int(limit) >= 1 << 60:
-            return None
-        # `used` includes the cache of files, which the system empties when memory is short. So
-        # the size of this cache is subtracted.
-        idle = int(dict(line.split() for line in stat.splitlines()).get(cached, 0))
-        return int(limit) - max(int(used) - idle, 0)
-    except (OSError, ValueError):
-        return None
-
-
-def _left_by_rlimits() -> list[int]:
-    """Return how many more bytes RLIMIT_AS and RLIMIT_DATA allow this process to take.
-
-    If one of the two limits is not set, the list has no entry for it.
-    """
-    try:
-        import resource
-    except ImportError:  # Windows has no module `resource`
-        return []
-    import psutil
-
-    memory = psutil.Process().memory_info()
-    usages = (resource.RLIMIT_AS, memory.vms), (resource.RLIMIT_DATA, memory.rss)
-    limits = [(resource.getrlimit(kind)[0], used) for kind, used in usages]
-    return [soft - used for soft, used in limits if soft != resource.RLIM_INFINITY]
+    left = [psutil.virtual_memory().available]
+    with suppress(OSError, ValueError):  # raised on systems without control groups (v2 of Linux)
+        path = (process / "cgroup").read_text(encoding="utf-8").strip().rpartition(":")[2]
+        group = cgroups / path.strip("/")
+        # The limits of a group also hold for the groups in it. In a container, `path` may not exist
+        # there, and the limits are found at `cgroups`.
+        for folder in [group, *group.parents][: len(group.relative_to(cgroups).parts) + 1]:
+            with suppress(
+                OSError, ValueError
+            ):  # raised for a group that is missing or has no limit
+                names = "memory.max", "memory.current", "memory.stat"
+                limit, used, stat = ((folder / name).read_text(encoding="utf-8") for name in names)
+                # `used` includes the cache of files, which the system empties if memory is short.
+                cached = re.search(r"^inactive_file (\d+)", stat, re.MULTILINE)
+                left.append(int(limit) - max(0, int(used) - int(cached[1] if cached else 0)))
+    return max(0, min(left))

@@ -12,22 +12,12 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
-from pathlib import Path
-from typing import IO, Any
+from pathlib import Path, PurePath
+from typing import Any
 
-from gauss2svg.batch.stores import PATH_SEPARATOR, file_system_of, is_url
+from gauss2svg.batch.stores import file_system_of, is_url
 from gauss2svg.errors import InputError, on_one_line, quoted, refusal
-from gauss2svg.files import (
-    PATTERN,
-    STANDARD_STREAM,
-    UTF16_MARKS,
-    is_device,
-    is_pattern,
-    reading,
-    standard_stream,
-    text_of,
-)
+from gauss2svg.files import PATTERN, STANDARD_STREAM, is_pattern, reading, standard_stream, text_of
 from gauss2svg.photo import SUFFIXES
 
 
@@ -80,12 +70,11 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
     Here the name of the output still ends in the suffix of the photo.
     """
     if source == STANDARD_STREAM:
-        yield from _photos_of_list(standard_stream(sys.stdin, "input"), "standard input")
+        yield from _photos_of_list(standard_stream(sys.stdin, "input").read(), "standard input")
         return
     with file_system_of(source) as (fs, path):
         if source.lower().endswith((".txt", ".lst")):
-            with fs.open(path, "rb") as lines:
-                yield from _photos_of_list(lines, source)
+            yield from _photos_of_list(fs.cat_file(path), source)
         elif is_url(source):
             yield from _photos_at_url(fs, path, source)
         elif os.path.isdir(source):
@@ -106,31 +95,16 @@ def _folder_of_pattern(pattern: str) -> str:
     return os.path.dirname(PATTERN.split(pattern)[0])
 
 
-def _photos_of_list(stream: IO[bytes], name: str) -> Iterator[tuple[str, str]]:
-    for line in _lines(stream, name):
-        if line.strip() and not line.lstrip().startswith("#"):
-            # A path may have blanks or quotes around it, as Windows copies it.
-            path = re.sub(r"""\A\s*(["']?)(.+?)\1\s*\Z""", r"\2", line)
-            if path != line and os.path.lexists(line):  # names may have blanks and quotes too
-                path = line
-            # os.fsdecode has made such characters of bytes that are not UTF-8.
-            if re.search("[\udc80-\udcff]", path) and not os.path.lexists(path):
-                text_of(os.fsencode(path), name)  # raises InputError
+def _photos_of_list(data: bytes, name: str) -> Iterator[tuple[str, str]]:
+    for line in text_of(data, name).split("\n"):
+        # A path may have blanks or quotes around it, as Windows copies it.
+        path = line.strip().strip("\"'")
+        if path and not path.startswith("#"):
             # The name of the output is the path without its protocol or drive, without a slash at
             # the beginning, and without the parts "." and "..".
-            rest = path.partition("://")[2] if is_url(path) else os.path.splitdrive(path)[1]
-            parts = [part for part in PATH_SEPARATOR.split(rest) if part not in ("", ".", "..")]
+            rest = PurePath(path.partition("://")[2] if is_url(path) else path)
+            parts = [part for part in rest.parts if part not in (rest.anchor, "..")]
             yield path, "/".join(parts) or path
-
-
-def _lines(stream: IO[bytes], name: str) -> Iterator[str]:
-    """Yield the lines of a list. Bytes that are not UTF-8 are decoded as os.fsdecode does."""
-    first = stream.readline()
-    if first.startswith(UTF16_MARKS):  # its lines end inside of a character of two bytes
-        lines: Iterable[str] = text_of(first + stream.read(), name).split("\n")
-    else:
-        lines = (text_of(line, name, "surrogateescape") for line in chain([first], stream))
-    yield from (line.rstrip("\r\n") for line in lines)
 
 
 def _pictures(root: str) -> Iterator[str]:
@@ -140,9 +114,7 @@ def _pictures(root: str) -> Iterator[str]:
     """
 
     def failed(error: OSError) -> None:
-        # A subfolder that was removed after it was listed is no error.
-        if not isinstance(error, FileNotFoundError):
-            raise error
+        raise error
 
     for folder, folders, files in os.walk(root, onerror=failed):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
@@ -155,20 +127,15 @@ def _photos_at_url(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
     The URL names a photo, a folder with photos, or a pattern that photos match. The name of the
     output still ends in the suffix of the photo.
     """
-    # The names that fsspec returns lack the protocol, and in some stores also the host. So the
-    # beginning of the URL is put before each name again.
-    host, has_path, _ = url.partition(path.rstrip("/"))
-    is_pattern = PATTERN.search(url) is not None
-    names = [path] if url.startswith("http") else (fs.glob if is_pattern else fs.find)(path)
-    base = (_folder_of_pattern(path) if is_pattern else path).rstrip("/")
+    is_glob = PATTERN.search(url) is not None
+    names = [path] if url.startswith("http") else (fs.glob if is_glob else fs.find)(path)
+    base = (_folder_of_pattern(path) if is_glob else path).rstrip("/")
     for name in names:
         inside = name.removeprefix(base).lstrip("/") or os.path.basename(name)
-        # Hidden files are left out, unless the pattern itself has a "/.". A shell does the same.
-        is_hidden = "/." in f"/{inside}" and "/." not in path.removeprefix(base)
         # Files found in a folder must have the suffix of a photo. If the URL names a file or is a
         # pattern, any suffix is taken.
-        if name == path or (not is_hidden and (is_pattern or is_picture(inside))):
-            yield host + name if has_path else fs.unstrip_protocol(name), inside
+        if name == path or is_glob or (is_picture(inside) and "/." not in f"/{inside}"):
+            yield fs.unstrip_protocol(name), inside
 
 
 @dataclass(frozen=True)
@@ -177,8 +144,7 @@ class ListedPhoto:
 
     path     path of the file
     name     `file` on one line, with control characters escaped
-    file     the file's name. If another photo has the same name, the folders before it are added
-             until no other path has the same end.
+    file     the file's name, or the whole path if another photo has the same name
     slug     name for the output file or folder of this photo, which no other photo has. It
              consists of a-z, 0-9 and -.
     digest   SHA-256 of the file's bytes, or None if the file cannot be read
@@ -198,63 +164,42 @@ def listed_photos(
 ) -> list[ListedPhoto]:
     """Return each photo once, in the order of the paths. Raise InputError if there is none.
 
-    A photo's slug is made from the name of its file. To make all slugs different, a digest of the
-    field `file` is appended in three cases: if several readable photos would have the same slug, if
-    the photo cannot be read, and if the slug already ends like a digest. The order of the photos
-    and their pixels have no influence on the slugs.
+    A photo's slug is made from the name of its file. If several photos would have the same slug, a
+    digest of the field `file` is appended. The order of the photos has no influence on the slugs.
 
     name  name of the argument in error messages
     """
     if isinstance(paths, (str, bytes, os.PathLike)):
         raise refusal(name, "a sequence of paths", quoted(paths), f"[{paths!r}]")
     try:
-        texts = [os.fsdecode(path) for path in paths or ()]
-    except Exception as error:  # methods of the argument may raise any exception
+        once: dict[str, str] = {}
+        for path in map(os.fsdecode, paths):
+            once.setdefault(os.path.realpath(path), path)
+    except (TypeError, ValueError) as error:  # ValueError is raised for a null character
         raise refusal(name, "a sequence of paths", quoted(paths)) from error
-    if not texts:
+    if not once:
         raise refusal(name, "the paths of one or more photos", quoted(paths))
-    once: dict[str, str] = {}
-    for path in texts:
-        # realpath() fails for a path with a NUL character. Such a path is refused later, when the
-        # file is read.
-        once.setdefault(path if "\0" in path else os.path.realpath(path), path)
-    texts = list(once.values())
-    read = [(slug_of(Path(path).stem), *_digest(path)) for path in texts]
-    shared = Counter(slug for slug, digest, _ in read if digest is not None)
+    names = Counter(Path(path).name for path in once.values())
+    slugs = Counter(slug_of(Path(path).stem) for path in once.values())
     photos = []
-    for path, file, (slug, digest, problem) in zip(texts, _unique_ends(texts), read, strict=True):
-        # A slug that already ends like a digest gets a digest too. Otherwise it might equal the
-        # slug of another photo to which a digest is appended.
-        if digest is None or shared[slug] > 1 or re.search("-[0-9a-f]{12}$", slug):
-            own = hashlib.sha256(file.encode(errors="backslashreplace")).hexdigest()
-            slug += f"-{own[:12]}"
-        photos.append(ListedPhoto(path, on_one_line(file), file, slug, digest, problem))
+    for path in once.values():
+        file, slug = Path(path).name, slug_of(Path(path).stem)
+        if names[file] > 1:
+            file = Path(path).as_posix()
+        if slugs[slug] > 1:
+            slug += f"-{hashlib.sha256(file.encode(errors='surrogatepass')).hexdigest()[:12]}"
+        photos.append(ListedPhoto(path, on_one_line(file), file, slug, *_digest(path)))
     return photos
-
-
-def _unique_ends(paths: Sequence[str]) -> list[str]:
-    """Return a name for each path: the last parts of the path, as few as make the name unique.
-
-    If no other file has the same name, this is the name of the file.
-    """
-    parts = [Path(path).absolute().parts for path in paths]
-    all_ends = [[own[-length:] for length in range(1, len(own) + 1)] for own in parts]
-    shared = Counter(end for ends in all_ends for end in ends)
-    return [
-        Path(*next((end for end in ends if shared[end] == 1), ends[-1])).as_posix()
-        for ends in all_ends
-    ]
 
 
 def slug_of(name: str) -> str:
     """Return a name, changed so that it is valid for a file or folder on any system.
 
-    The result has 1 to 54 characters, which are a-z, 0-9 and -. It is "photo" if the name has
+    The result has 1 to 48 characters, which are a-z, 0-9 and -. It is "photo" if the name has
     neither letters nor digits.
     """
     ascii_name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
-    slug = re.sub(r"[^a-z0-9]+", "-", ascii_name).strip("-")[:48].rstrip("-") or "photo"
-    return f"photo-{slug}" if is_device(slug) else slug
+    return re.sub(r"[^a-z0-9]+", "-", ascii_name).strip("-")[:48].rstrip("-") or "photo"
 
 
 def _digest(path: str) -> tuple[str | None, str | None]:

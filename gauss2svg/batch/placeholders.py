@@ -10,13 +10,12 @@ import json
 import os
 import re
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
-from gauss2svg.errors import Gauss2SvgError, InputError, brief, of_file, quoted, refusal
+from gauss2svg.errors import Gauss2SvgError, brief, of_file, quoted, refusal
 from gauss2svg.files import (
     FILE_ENDINGS,
     STANDARD_STREAM,
@@ -35,11 +34,6 @@ from gauss2svg.pipeline.placeholder import (
 )
 from gauss2svg.svg.file import is_own
 from gauss2svg.version import __version__
-
-# {suffix: media type} of better formats. If photo.avif or photo.webp is in the folder of photo.jpg,
-# the <picture> of photo.jpg offers this file too. The best format comes first, because a browser
-# takes the first file whose type it supports.
-_SOURCES = {".avif": "image/avif", ".webp": "image/webp"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,10 +90,7 @@ class PlaceholderList:
             sources = {file for photo in self.photos for file in _sources(photo)}
             self.photos = [photo for photo in self.photos if Path(photo.path) not in sources]
         elif self._is_one_svg and len(self.photos) > 1:
-            if output == STANDARD_STREAM:
-                raise InputError("--output must be given for several SVGs. Try -o folder")
-            advice = str(Path(output).with_suffix(""))
-            raise refusal("--output", "a folder for several SVGs", quoted(output), advice)
+            raise refusal("--output", "a folder for several SVGs", quoted(output), "-o svgs/")
         keys = [self._key(photo) for photo in self.photos]
         if options.format == "svg" and not self._is_one_svg:
             for key in keys:
@@ -215,13 +206,9 @@ class PlaceholderList:
                     raise TypeError("of another form")
                 entries = records.values() if isinstance(records, dict) else records
                 return data, {entry["metadata"]["path"]: entry for entry in entries}
-            # Each photo has a line, which begins with this and the address of the photo.
-            begin = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
-            lines = [line for line in text.split("\n") if line.strip()]
-            lines_by_key = {match[1]: line for line in lines if (match := begin.match(line))}
-            if not lines or len(lines_by_key) < len(lines):
+            if not re.fullmatch(r"(<(img|picture)[ >].*\n)+", text):
                 raise ValueError("not lines of <img>")
-            return data, lines_by_key
+            return data, {}
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             needed = f"a file of placeholders in {form}, or none yet"
             got = f"{output}, which has something else or is damaged"
@@ -247,10 +234,15 @@ def _format_of(output: str, form: Any) -> Any:
 
 def _sources(photo: ListedPhoto) -> dict[Path, str]:
     """Return {file: media type} of existing files that browsers should prefer to the photo."""
-    own = Path(photo.path)
-    better = takewhile(lambda suffix: suffix != own.suffix.lower(), _SOURCES)
-    files = {own.with_suffix(end): _SOURCES[end] for end in better if photo.problem is None}
-    return {file: kind for file, kind in files.items() if file.is_file()}
+    own, sources = Path(photo.path), {}
+    # The best format comes first, because a browser takes the first file whose type it supports.
+    for kind in ("avif", "webp"):
+        file = own.with_suffix(f".{kind}")
+        if photo.problem is not None or file.suffix == own.suffix.lower():
+            break
+        if file.is_file():
+            sources[file] = f"image/{kind}"
+    return sources
 
 
 def _url(path: str) -> str:

@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import os
-import re
-import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, refusal
-from gauss2svg.files import check_writable, make_folder, reason_of, replace, write_whole
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError
+from gauss2svg.files import make_folder, reason_of, write_atomically
 
-# Folder in the output folder, for the table, the options, the marks and the unfinished files.
-STATE = "gauss2svg-batch"
+STATE = "gauss2svg-batch"  # folder in the output folder, for the table, the options and the marks
 TABLE = f"{STATE}/table.csv"
-PARTS = f"{STATE}/parts"  # folder of the unfinished files
-MARKS = f"{STATE}/marks"  # folder of the marks
-PATH_SEPARATOR = re.compile(r"[/\\]" if os.sep == "\\" else "/")
 
 
 class _Local:
-    """Access to local files, by functions with the same names as in a file system of fsspec.
-
-    The class has only those functions that this package calls.
-    """
+    """Access to local files, by functions with the same names as in a file system of fsspec."""
 
     open = staticmethod(open)
-    put_file = staticmethod(replace)
     exists = staticmethod(os.path.exists)
     size = staticmethod(os.path.getsize)
 
@@ -62,16 +52,8 @@ def file_system_of(
             from fsspec.core import url_to_fs
 
             advice = "another URL, or the same command again"
-            start, colons, end = name.partition("::")
-            # Two colons are in the name of a file, unless another store of a chain follows them.
-            if colons and "://" not in end:
-                folder, _, start = start.rpartition("/")
-                fs, folder = url_to_fs(folder)
-                path = f"{folder}/{start}::{end}"
-            else:
-                fs, path = url_to_fs(name)
-            # fsspec's cache of listings is not used. It would keep a million names in memory, and
-            # files that are written after a listing would seem to be missing.
+            fs, path = url_to_fs(name)
+            # Without this, files that are written after a listing would seem to be missing.
             fs.dircache.use_listings_cache = False
             yield fs, path
         else:
@@ -82,38 +64,15 @@ def file_system_of(
         raise kind(f"cannot {verb} {name}: {reason_of(error)}. Try {advice}") from error
 
 
-def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
+def write(root: str, name: str, data: bytes) -> None:
     """Write the file `name` in the folder `root`, either the whole file or nothing.
 
-    A local file is first written into the folder PARTS, which this function does not create. So if
-    a worker on another machine cannot see the output folder of the run, it fails, and writes no
-    file on that machine. Without `sync`, a power cut may leave an empty local file. Raise
-    OutputError if the file cannot be written.
+    Folders are created. Raise OutputError if the file cannot be written.
     """
     target = f"{root}/{name}"
     if is_url(target):
         with file_system_of(target, "write", OutputError) as (fs, path):
             fs.pipe_file(path, data)
-        return
-    make_folder(Path(target).parent)
-    write_whole(Path(target), data, Path(root, PARTS, secrets.token_hex(8)), sync)
-
-
-def prepare(root: str) -> None:
-    """Create the output folder `root`.
-
-    Unfinished files of killed runs stay there. A run on another machine may still be writing such a
-    file, however old it is.
-
-    Raise OutputError if the folder cannot be written, and InputError for a store in which others
-    could see a file half written.
-    """
-    if is_url(root):
-        # In these stores nobody can see a file half written.
-        stores = "s3, s3a, gs, gcs, az, abfs, abfss, oss, oci, memory"
-        if root.partition("://")[0] not in stores.split(", "):
-            raise refusal("output", f"a folder, or on one of {stores}", root, "a folder")
-        write(root, f"{PARTS}/writable", b"")
-        return
-    make_folder(Path(root, PARTS))
-    check_writable(Path(root, PARTS, "writable"))
+    else:
+        make_folder(Path(target).parent)
+        write_atomically(target, data)

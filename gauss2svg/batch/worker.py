@@ -9,27 +9,24 @@ from __future__ import annotations
 import errno
 import json
 import os
-import secrets
-import sys
+import threading
 import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import cache, partial
-from importlib.metadata import version
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from gauss2svg.batch.stores import MARKS, file_system_of, is_url, write
+from gauss2svg.batch.stores import STATE, file_system_of, is_url, write
 from gauss2svg.errors import ClusterError, Gauss2SvgError, OutputError, error_line, refusal
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
-# Error numbers (errno) of a write that fails because of the file's name. The batch goes on after
-# such an error, because files with other names can still be written.
-_FILE_NAME_ERRNOS = {errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EINVAL}
+MARKS = f"{STATE}/marks"  # folder of the marks
+# The kernels must not be called by several threads of a process, which a worker of Dask may have.
+_one_at_a_time = threading.Lock()
 
 
 class PhotoRecord(NamedTuple):
@@ -84,39 +81,87 @@ class PhotoRecord(NamedTuple):
 Photo = tuple[str, str]  # path or URL of a photo, and the name of its output
 
 
-def mark_of(output: str) -> str:
-    """Return the name of the mark of an SVG, relative to the output folder."""
-    return f"{MARKS}/{output}.json"
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Return the versions of packages that must be the same for the command and its workers."""
-    return {"gauss2svg": __version__, "numpy": version("numpy")}
-
-
 @dataclass(frozen=True)
 class BatchSpec:
     """The settings that all photos of a batch share.
 
     options     options with which each photo is vectorised
     root        output folder, or its URL
-    versions    versions of packages that workers must have
     identity    hash of the version of gauss2svg and of the options on which an SVG depends
     may_reduce  True if a photo that needs too much memory is fitted at a smaller size. If it is
                 False, such a photo fails
-    run         random name of this run, which its marks contain
+    version     version of gauss2svg, which each worker must have
     """
 
     options: Options
     root: str
-    versions: dict[str, str]
     identity: str
     may_reduce: bool = False
-    run: str = field(default_factory=partial(secrets.token_hex, 8))
+    version: str = __version__
 
 
-def stamp_of(source: str) -> str:
+def work(spec: BatchSpec, photo: Photo) -> PhotoRecord:
+    """Vectorise a photo unless it is finished, and return its record.
+
+    Raise OutputError if the disk is full. Raise ClusterError if this worker has another version or
+    does not see the output folder.
+    """
+    if spec.version != __version__:
+        raise ClusterError(f"workers must have gauss2svg {spec.version}; got {__version__}")
+    if not (is_url(spec.root) or os.path.isdir(spec.root)):
+        raise ClusterError(f"workers must see the folder {spec.root}. Try a folder that all mount")
+    with _one_at_a_time, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # nobody reads the warnings of image decoders in a worker
+        return finished_record(spec, photo) or vectorize_photo(spec, photo)
+
+
+def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
+    """Return the record in a photo's mark if the photo's SVG is up to date, or else None."""
+    # An error means that there is no mark, or that a batch did not write it.
+    with (
+        suppress(Gauss2SvgError),
+        file_system_of(f"{spec.root}/{photo[1]}") as (fs, path),
+        file_system_of(_mark_of(spec, photo)) as (_, mark),
+    ):
+        record = PhotoRecord(**json.loads(fs.cat_file(mark)))
+        size = record.svgz_bytes if spec.options.svg.gzip else record.svg_bytes
+        expected = (*photo, spec.identity, _stamp_of(photo[0]))
+        if record[:4] == expected and size == fs.size(path):
+            return record._replace(skipped=True)
+    return None
+
+
+def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
+    """Write the SVG of a photo, then its mark, and return the record of the photo.
+
+    If one photo fails, its record has the error, so that the batch can go on. But if the disk is
+    full, raise OutputError, because the other photos would fail too.
+    """
+    begun, cpu_begun = time.perf_counter(), time.process_time()
+    try:
+        stamp = _stamp_of(photo[0])
+        record = PhotoRecord(
+            *photo, spec.identity, stamp, **_write_svg(spec, photo),
+            total_s=round(time.perf_counter() - begun, 3),
+            cpu_s=round(time.process_time() - cpu_begun, 3),
+        )  # fmt: skip
+        mark = json.dumps(record._asdict())
+        write(spec.root, f"{MARKS}/{photo[1]}.json", mark.encode())
+        return record
+    except Exception as error:  # a bug here or in a library must not stop the other photos
+        is_full = getattr(error.__cause__, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+        if isinstance(error, OutputError) and is_full:
+            raise
+        line = error_line(error, "--max-size, or workers with more memory")
+        code = type(error).__name__
+        return PhotoRecord(*photo, spec.identity, error=line, error_code=code)
+
+
+def _mark_of(spec: BatchSpec, photo: Photo) -> str:
+    return f"{spec.root}/{MARKS}/{photo[1]}.json"
+
+
+def _stamp_of(source: str) -> str:
     """Return text that changes when a photo changes, so that marks of the old photo are not used.
 
     For a local photo, the text holds the file's size and the time of its last change. For a photo
@@ -125,70 +170,6 @@ def stamp_of(source: str) -> str:
     """
     with file_system_of(source) as (fs, path):
         return fs.ukey(path)
-
-
-def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
-    """Return the record in a photo's mark if the photo's SVG is up to date, or else None."""
-    # The block raises an error if there is no mark, or if a file has the name of a mark but was not
-    # written by a batch. In both cases the photo must be vectorised.
-    with suppress(Gauss2SvgError), file_system_of(f"{spec.root}/{photo[1]}") as (fs, path):
-        with file_system_of(f"{spec.root}/{mark_of(photo[1])}") as (_, mark_path):
-            mark = json.loads(fs.cat_file(mark_path))
-        # If a worker dies, its job is run again. So the mark may have been written in this run,
-        # before the worker died. In this case the photo counts as done and not as skipped.
-        is_old = mark.pop("run") != spec.run
-        record = PhotoRecord(**mark)
-        expected = (*photo, spec.identity, stamp_of(photo[0]))
-        size = record.svgz_bytes if spec.options.svg.gzip else record.svg_bytes
-        if record[:4] == expected and size == fs.size(path):
-            return record._replace(skipped=is_old)
-    return None
-
-
-def work(spec: BatchSpec, photos: Sequence[Photo]) -> list[PhotoRecord]:
-    """Vectorise the unfinished photos of a job, and return the records of all its photos.
-
-    Raise OutputError if no file can be written. Raise ClusterError if this worker's versions of
-    packages differ from `spec.versions`.
-    """
-    if (installed := versions()) != spec.versions:
-        advice = "installing the same there"
-        raise ClusterError(f"workers must have {spec.versions}; got {installed}. Try {advice}")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # nobody reads the warnings of image decoders in a worker
-        return [finished_record(spec, photo) or vectorize_photo(spec, photo) for photo in photos]
-
-
-def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
-    """Write the SVG of a photo, then its mark, and return the record of the photo.
-
-    If one photo fails, its record has the error, so that the batch can go on. But if no file can be
-    written any more, for example because the disk is full, raise OutputError.
-    """
-    begun, cpu_begun = time.perf_counter(), time.process_time()
-    try:
-        stamp = stamp_of(photo[0])
-        record = PhotoRecord(
-            *photo, spec.identity, stamp, **_write_svg(spec, photo),
-            total_s=round(time.perf_counter() - begun, 3),
-            cpu_s=round(time.process_time() - cpu_begun, 3),
-        )  # fmt: skip
-        mark = json.dumps({"run": spec.run, **record._asdict()})
-        write(spec.root, mark_of(photo[1]), mark.encode(), sync=False)
-        return record
-    except Exception as error:  # a bug here or in a library must not stop the other photos
-        cause = error.__cause__
-        is_of_name = getattr(cause, "errno", None) in _FILE_NAME_ERRNOS
-        # On Windows a rename fails if a path is too long, or if a program has the old file open.
-        # This is a failure of one file, so the batch goes on. The attribute filename2 shows that
-        # the error comes from a rename.
-        if sys.platform == "win32":
-            is_of_name = is_of_name or getattr(cause, "filename2", None) is not None
-        if isinstance(error, OutputError) and not is_of_name:
-            raise
-        line = error_line(error, "--max-size, or workers with more memory")
-        code = type(error).__name__
-        return PhotoRecord(*photo, spec.identity, error=line, error_code=code)
 
 
 def _write_svg(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
@@ -203,11 +184,12 @@ def _write_svg(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
             image = fs.cat_file(path)
     result = vectorize_by(options, image, may_reduce=spec.may_reduce)
     data = file_bytes(result.svg, options.svg.gzip)
-    mark_url = f"{spec.root}/{mark_of(output)}"
-    with file_system_of(target) as (fs, path), file_system_of(mark_url) as (_, mark):
+    with (
+        file_system_of(target) as (fs, path),
+        file_system_of(_mark_of(spec, photo)) as (_, mark),
+    ):
         # An SVG without a mark may be the user's own file, so it is not overwritten. But if its
-        # content equals the new SVG, it is from a run that was killed after it wrote the SVG and
-        # before it wrote the mark.
+        # content equals the new SVG, it is from a run that was killed before it wrote the mark.
         may_write = fs.exists(mark) or not fs.exists(path) or fs.cat_file(path) == data
     if not may_write:
         raise refusal("output", "a new file, or one of a batch", target, "another folder")

@@ -67,15 +67,14 @@ def run(given: dict[str, Any]) -> int:
                     files.write_output(json.dumps(record._asdict()).encode() + b"\n")
                 update(summary.progress_text(count), summary.total, count)
     except KeyboardInterrupt as interrupt:
-        job.finish()
-        say(f"see {', '.join(job.tables)}")
+        say(f"see {job.table}")
         done = f"{summary.done + summary.skipped:,} of {count:,} photos are done"
         interrupt.args = (f"interrupted; {done}, and the same command goes on with the others",)
         raise
     if not command.quiet:
         for line in summary.lines():
             say(line)
-        say(f"see {', '.join(job.tables)}")
+        say(f"see {job.table}")
     elif summary.failed:
-        say(f"{summary.failed:,} failed; see {job.tables[0]}")
+        say(f"{summary.failed:,} failed; see {job.table}")
     return STATUS_SOME_FAILED if summary.failed else 0

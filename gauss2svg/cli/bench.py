@@ -31,9 +31,8 @@ class BenchCommand(OptionGroup):
     axis: tuple[str, ...] = ()
     """Option to vary, as NAME=VALUE,VALUE, or as NAME for all values of an option that has only a
     few. NAME is an option of the main command that changes the file, such as gaussians, iterations,
-    quality, loss or palette, or a constant of the code, such as pipeline.limits.FULL. Several axes
-    give all combinations. Without any, the presets and some counts are run. Separate lists of inks
-    by semicolons: "inks=6;#f7c306,#17324d"."""
+    quality, loss or palette. Several axes give all combinations. Without any, the presets and some
+    counts are run. Separate lists of inks by semicolons: "inks=6;#f7c306,#17324d"."""
 
     peers: str = ""
     """Other tools to measure if they are installed, separated by commas: vtracer, jpeg, webp, avif.

@@ -80,9 +80,6 @@ COSTS = (
     Cost("svg_bytes", "bytes", "size of the SVG"),
     Cost("total_s", "seconds", "time, photo to measured SVG"),
 )
-_MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
-# A cost axis that spans more decades than this has ticks only at powers of ten.
-_MOST_DECADES = 2.5
 
 
 # Sizes of charts and positions of their axes, in user units of SVG. A narrow chart has fewer ticks.
@@ -114,7 +111,7 @@ def scatter(
     scores = [point["score"] for point in points]
     # A logarithmic axis has no 0, but a cost may be 0 s on a machine whose clock has coarse steps.
     costs = [max(point["cost"], 1e-4) for point in points]
-    low, high = min(costs) / _MARGIN, max(costs) * _MARGIN
+    low, high = min(costs) / 1.25, max(costs) * 1.25  # so that no point lies at an end
     finite = [axis.sign * score for score in scores if score is not None] or [0.0]
     some_equal = None in scores
     step = _step(max(finite) - min(finite), axis.least_step)
@@ -175,23 +172,13 @@ def _step(span: float, least: float) -> float:
 def _ticks(low: float, high: float, is_narrow: bool) -> list[float]:
     """Return the values at which a cost axis has ticks, usually 1, 2, 5, 10, 20 and so on.
 
-    If the axis spans many powers of ten, some of these ticks are left out. If fewer than two of
-    them lie on the axis, ticks at other values are added.
+    The ticks are as many as fit: at most 4 on a narrow chart and 9 on a wide one.
     """
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-
-    def between(*steps: float) -> list[float]:
+    ticks: list[float] = []
+    for steps in ((1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9), (1, 2, 5), (1, 3), (1,)):
         values = [step * 10.0**exponent for exponent in exponents for step in steps]
-        return [value for value in values if low <= value <= high]
-
-    decades = math.log10(high / low)
-    if decades > _MOST_DECADES:
-        return between(1)
-    if is_narrow and decades > _MOST_DECADES / 2:
-        return between(1, 3)
-    usual = between(1, 2, 5)
-    # If all points have the same cost, the largest value of the axis is only _MARGIN ** 2 times the
-    # smallest. Such a short axis sometimes has none of the usual ticks. But it always has at least
-    # one of the ticks that are listed here.
-    ticks = usual if len(usual) > 1 else between(1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
-    return ticks[::2] if is_narrow and len(ticks) > 4 else ticks
+        ticks = [value for value in values if low <= value <= high]
+        if len(ticks) <= (4 if is_narrow else 9):
+            break
+    return ticks

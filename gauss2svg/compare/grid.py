@@ -55,6 +55,7 @@ class Task:
     parameters    entries of the request besides those of the photo and the variant
     dependencies  values on which the result depends, besides those that are part of every key
     columns       entries that the record has in addition to those of every record
+    entry         what another method has of the photo, as of `entries_of`. Empty for a tool
     file          file that the task writes in its own folder, or None. If it is not None, the task
                   counts as finished only if this file exists.
     """
@@ -64,6 +65,7 @@ class Task:
     parameters: Mapping[str, Any]
     dependencies: tuple[Any, ...]
     columns: Mapping[str, Any]
+    entry: Mapping[str, Any]
     file: Path | None = None
 
     @property
@@ -71,7 +73,8 @@ class Task:
         """Argument of the function that does this task."""
         variant = self.variant
         tool = {"tool": variant.tool, "settings": dict(variant.settings)} if variant else {}
-        return {"source": self.photo.path, **tool, **self.parameters}
+        method = {name: self.entry[name] for name in ("file", "numbers") if self.entry}
+        return {"source": self.photo.path, **tool, **method, **self.parameters}
 
     @cached_property
     def key(self) -> str:
@@ -80,7 +83,10 @@ class Task:
         The photo counts with its content and not with its path.
         """
         software = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
-        parts = [self.photo.digest, *software, self.variant, *self.dependencies]
+        # Other tools do not use the seed, so a record of another tool stays valid if it changes.
+        seed = self.columns["seed"] if self.variant and self.variant.is_own else None
+        method = self.entry.get("digest"), self.entry.get("numbers")
+        parts = [self.photo.digest, *software, self.variant, seed, *method, *self.dependencies]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
     def record(self, answer: Mapping[str, Any]) -> Row:
@@ -164,7 +170,7 @@ class Grid:
 
         self._report()
         missing = (task for task in tasks if not self.records[task])
-        for task, job in completed(submitted, missing, lambda: pool.workers):
+        for task, job in completed(submitted, missing, pool.workers):
             try:
                 answer = job.result()
             except WorkerDiedError as error:

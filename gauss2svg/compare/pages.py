@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import statistics
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -15,23 +14,23 @@ from functools import partial
 from html import escape
 from importlib.resources import files
 from itertools import chain
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, Never
+from typing import Any
 from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
-from gauss2svg.compare.records import COUNTS, TOOL, Row
+from gauss2svg.compare.records import COUNTS, Row
 from gauss2svg.compare.variants import (
     Variant,
     entries_of,
     main_variant,
-    refuse_keywords,
     variants_of,
 )
 from gauss2svg.errors import OutputError, instance, on_one_line, refusal
-from gauss2svg.files import as_json, make_folder, write_all_atomically
+from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
 from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.progress_display import counting
@@ -45,7 +44,6 @@ NUMBERS = (
     *COUNTS, "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
     *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
 )  # fmt: skip
-_OUTPUTS = ("gallery.json", "gallery.csv", "index.html", "trade-off.html", "how.html")
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,6 @@ def build_gallery(
     options: GalleryOptions | None = None,
     command: str | None = None,
     progress: Callable[[GalleryProgress], None] | bool | None = None,
-    **unknown: Never,
 ) -> Gallery:
     """Vectorise photos in several variants, and write web pages that compare them.
 
@@ -125,9 +122,8 @@ def build_gallery(
     loses only the SVGs that are not finished. If a photo cannot be read, the first page lists the
     failure, and the other photos are still compared. The pages need neither a server nor a network.
     Raise InputError for bad arguments. Raise OutputError if the folder cannot be written, or if it
-    has other files with the names of the pages. Raise TypeError for an unknown keyword.
+    has other files with the names of the pages.
     """
-    refuse_keywords(unknown, "build_gallery", GalleryOptions)
     if progress is True:
         with counting() as update:
             return build_gallery(
@@ -161,16 +157,10 @@ def build_gallery(
             "folder": str(root / folder), "page_photo": str(page_photo), "photo_size": size,
             "options": run_options, "peer_timeout": options.peer_timeout,
         }  # fmt: skip
-        # A record must be made again only if something changes on which the SVG depends. The SVG
-        # does not depend on the numbers of jobs and threads, nor on the limits. If another tool
-        # makes the SVG, it does not depend on the seed either.
-        dependencies = (size, seed) if variant and variant.is_own else (size,)
-        if variant and (entry := entries[variant].get(photo)):
-            parameters |= {"file": entry["file"], "numbers": entry["numbers"]}
-            dependencies += (entry["digest"], entry["numbers"])
+        entry = entries[variant].get(photo, {}) if variant else {}
         columns = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
         file = root / folder / "picture.svg" if variant else page_photo
-        return Task(photo, variant, parameters, dependencies, columns, file)
+        return Task(photo, variant, parameters, (size,), columns, entry, file)
 
     plan = {task_of(photo): [task_of(photo, variant) for variant in chosen] for photo in listed}
     grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], report)
@@ -195,10 +185,9 @@ def build_gallery(
             svgs = [task for photo in plan if grid.has_succeeded(photo) for task in plan[photo]]
             for _ in grid.run(svgs, pool, run.make_svg):
                 pass
-    except KeyboardInterrupt:
-        write()
-        raise
-    return write()
+    finally:
+        gallery = write()
+    return gallery
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:
@@ -208,16 +197,15 @@ def _folder(directory: str | os.PathLike[str]) -> Path:
     that is not part of a gallery.
     """
     root = output_folder(directory, ())
-    is_ours = (root / "gallery.jsonl").exists()
-    for name in (*_OUTPUTS, "photos", "assets"):
-        if not is_ours and os.path.lexists(root / name):
-            line = "exists and is not part of a gallery, so it is kept. Try another folder"
-            raise OutputError(f"{root / name} {line}")
-    output_folder(root, ("gallery.jsonl", *_OUTPUTS))
-    (root / "gallery.jsonl").touch()
-    for name in ("photos", "assets"):
-        make_folder(root / name)
-    return root
+    outputs = ("gallery.json", "gallery.csv", "index.html", "trade-off.html", "how.html")
+    if not (root / "gallery.jsonl").exists():
+        for name in (*outputs, "photos", "assets"):
+            if os.path.lexists(root / name):
+                line = "exists and is not part of a gallery, so it is kept. Try another folder"
+                raise OutputError(f"{root / name} {line}")
+        (root / "gallery.jsonl").touch()
+    output_folder(root / "assets", ())
+    return output_folder(root, ("gallery.jsonl", *outputs))
 
 
 def write_pages(
@@ -258,26 +246,11 @@ def write_pages(
     parts = {key: name for key, name in COUNTS.items() if key in in_any}
     scores = [s for s in SCORES if s.always or any(row[s.key] is not None for row in rows)]
     versions = {version for report in reports for version in report.get("versions", {}).items()}
-    versions |= {
-        (row["tool"], row["tool_version"])
-        for row in rows
-        if row["tool"] != TOOL and row["tool_version"]
-    }
-    reasons = Counter(
-        line
-        for result in results
-        for line in dict.fromkeys(
-            line for svg in result["svgs"] for line in svg["report"].get("scores_missing", ())
-        )
+    versions |= {(row["tool"], row["tool_version"]) for row in rows if row["tool_version"]}
+    unmeasured = dict.fromkeys(
+        line for report in reports for line in report.get("scores_missing", ())
     )
-    unmeasured = [
-        line if count == len(results) else f"{line} ({count} of {len(results)} photos)"
-        for line, count in reasons.items()
-    ]
-    origins = Counter(
-        (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
-        for row in rows
-    )
+    machines = dict.fromkeys(chart.machine_text(row["machine"]) for row in rows)
     environment = chart.template_environment()
     environment.globals |= {
         **document,
@@ -285,7 +258,7 @@ def write_pages(
         "reports": reports, "scores": scores, "parts": parts, "explained": ON_REQUEST,
         "costs": chart.COSTS, "unmeasured": unmeasured,
         "chart_of": partial(chart_of, results, variants), "versions": sorted(versions),
-        "origins": origins, "heatmap": heatmap, "files": run,
+        "machines": machines, "heatmap": heatmap, "files": run,
     }  # fmt: skip
 
     def page(template: str, folder: str = "", **more: Any) -> bytes:
@@ -293,7 +266,7 @@ def write_pages(
         return html.render(page=template, root=folder, **more).encode()
 
     static = files("gauss2svg.compare") / "static"
-    contents: dict[str | os.PathLike[str], bytes] = {
+    contents = {
         root / "gallery.json": as_json(document),
         root / "gallery.csv": csv_text(rows).encode(),
         **{root / f"{name}.html": page(name) for name in ("index", "trade-off", "how")},
@@ -364,39 +337,19 @@ def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
     return summary
 
 
-def _other_settings(variants: Sequence[Variant]) -> dict[Variant, tuple[Any, ...]]:
-    """Return what the variants of a line in charts have in common, for each variant of gauss2svg.
-
-    This is the names of their options, and the values of all of these but one. The option that
-    varies along the line is the one with the most values, or a number if several have as many.
-    """
-    own = [variant for variant in variants if variant.is_own]
-    counts = Counter(name for name, _ in {s for variant in own for s in variant.settings})
-
-    def others(settings: tuple[tuple[str, Any], ...]) -> tuple[Any, ...]:
-        varied = max(settings, key=lambda s: (counts[s[0]], isinstance(s[1], (int, float))))[0]
-        return tuple((name, None if name == varied else value) for name, value in settings)
-
-    return {variant: others(variant.settings) for variant in own}
-
-
 def chart_of(
     results: Sequence[Row], variants: Sequence[Variant], axis: Score, cost: chart.Cost
 ) -> dict[str, Any] | None:
     """Return the chart of a score over a cost. Each point links to the page of its photo.
 
-    A line joins the SVGs of a photo whose variants differ in a single option.
+    A line joins the SVGs that gauss2svg has made of a photo, from the cheapest to the dearest.
     """
-    shared = _other_settings(variants)
-    lines: dict[Any, int] = {}  # index of each line
     points = [
         {
             "cost": svg["report"][cost.key],
             "score": score,
             "series": variants.index(svg["variant"]),
-            "group": lines.setdefault((index, shared[svg["variant"]]), len(lines))
-            if svg["variant"].is_own
-            else None,
+            "group": index if svg["variant"].is_own else None,
             "text": f"{svg['title']}: {axis.text(score)}, {cost.text(svg['report'][cost.key])}",
             "href": f"{svg['row']['page']}#{svg['variant'].slug}",
         }
@@ -405,4 +358,4 @@ def chart_of(
         if axis.can_show(score := svg["report"].get(axis.key))
         and svg["report"].get(cost.key) is not None
     ]
-    return chart.scatter(points, cost, axis)
+    return chart.scatter(sorted(points, key=itemgetter("cost")), cost, axis)

@@ -19,8 +19,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import psutil
-
 from gauss2svg.errors import OutputError, error_line
 from gauss2svg.measure import SCORES
 
@@ -30,7 +28,7 @@ TOOL = "gauss2svg"  # value of "tool" in the records of gauss2svg itself
 COUNTS = {
     "area_count": "Areas", "line_count": "Lines", "node_count": "Nodes", "gaussians": "Gaussians",
 }  # fmt: skip
-COSTS = ("total_s", "cpu_s", "other_cpu_s", "peak_bytes")  # keys of start_watch
+COSTS = ("total_s", "cpu_s", "peak_bytes")  # keys of start_watch
 # Keys that a record of the benchmark has of any file.
 FILE_KEYS = (
     *COSTS, "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
@@ -63,36 +61,20 @@ def json_safe(value: Any) -> Any:
 def start_watch() -> Callable[[], dict[str, Any]]:
     """Start to measure costs. Return a function that returns the costs from then until its call.
 
-    total_s      wall-clock seconds
-    cpu_s        CPU seconds of this process and its children
-    other_cpu_s  CPU seconds of all other programs. If other programs use the cores, a run takes
-                 much longer, because its threads wait for each other.
-    peak_bytes   largest memory that this process has held since it started, even before this
-                 call. If a child that has ended held more, this is the largest memory of that
-                 child. None if it is unknown
+    total_s     wall-clock seconds
+    cpu_s       CPU seconds of this process and its children
+    peak_bytes  largest memory that this process has held since it started, even before this call,
+                or that a child has held. None if it is unknown
     """
-    start = _seconds()
-
-    def read() -> dict[str, Any]:
-        wall, own, busy = (now - then for now, then in zip(_seconds(), start, strict=True))
-        others = max(0.0, busy - own)
-        return {"total_s": wall, "cpu_s": own, "other_cpu_s": others, "peak_bytes": _peak_bytes()}
-
-    return read
+    wall, cpu = time.perf_counter(), _cpu_s()
+    return lambda: {
+        "total_s": time.perf_counter() - wall, "cpu_s": _cpu_s() - cpu, "peak_bytes": _peak_bytes()
+    }  # fmt: skip
 
 
-def _seconds() -> tuple[float, float, float]:
-    """Return three times in seconds, each counted from a fixed moment in the past.
-
-    1. the wall-clock time
-    2. the CPU time of this process and of its children that have ended
-    3. the CPU time of all programs on the machine
-    """
-    own, busy = os.times(), psutil.cpu_times()._asdict()
-    kinds = ("user", "nice", "system", "irq", "softirq", "steal")
-    children = own.children_user + own.children_system
-    all_cpu = sum(busy.get(kind, 0.0) for kind in kinds)
-    return time.perf_counter(), time.process_time() + children, all_cpu
+def _cpu_s() -> float:
+    children = os.times()
+    return time.process_time() + children.children_user + children.children_system
 
 
 def _peak_bytes() -> int | None:
@@ -185,13 +167,15 @@ def _avif_version() -> str | None:
 
 
 _QUALITIES = tuple({"quality": quality} for quality in (10, 30, 60, 90))
-_STYLES = tuple({"style": style} for style in _VTRACER)
 PEERS: dict[str, Peer] = {
-    "vtracer": Peer(_vtracer, ".svg", _STYLES, partial(_version, "vtracer")),
+    "vtracer": Peer(
+        _vtracer, ".svg", tuple({"style": style} for style in _VTRACER),
+        partial(_version, "vtracer"),
+    ),
     "jpeg": Peer(partial(_pillow, "JPEG"), ".jpg", _QUALITIES),
     "webp": Peer(partial(_pillow, "WEBP"), ".webp", _QUALITIES),
     "avif": Peer(partial(_pillow, "AVIF"), ".avif", _QUALITIES, _avif_version),
-}
+}  # fmt: skip
 
 
 def convert_by(tool: str, settings: dict[str, Any], png: Path, output: Path) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from gauss2svg.compare.records import (
     record_or_error,
     start_watch,
 )
-from gauss2svg.compare.variants import AXES, apply_constants, options_in
+from gauss2svg.compare.variants import AXES
 from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure import packages_missing
@@ -48,11 +48,6 @@ from gauss2svg.svg import NAMESPACE
 from gauss2svg.svg.file import MOST_BYTES, file_bytes, is_own, read_source
 
 Request = Mapping[str, Any]
-# Keys that a record of the benchmark has of a report of gauss2svg, besides those of all files.
-_FIT_KEYS = (
-    "fit_width", "fit_height", *COUNTS, "iterations", "rounds", "stop_reason", "threads",
-    "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
-)  # fmt: skip
 # Side (px) of a crop. Pages show crops enlarged 3 times, and five of them fit side by side on the
 # screen of a laptop.
 SIDE = 74
@@ -65,7 +60,7 @@ class Run(NamedTuple):
     report  measurements, as in the file of the option --report
     raster  pixels of the drawn file, from which the scores were computed
     photo   pixels of the photo at the size of `raster`. The two were compared
-    cost    total_s, cpu_s, other_cpu_s and peak_bytes
+    cost    total_s, cpu_s and peak_bytes
     result  result of gauss2svg, or None for another tool
     """
 
@@ -104,7 +99,12 @@ def measure_alone(request: Request) -> dict[str, Any]:
 def measure_run(request: Request) -> dict[str, Any]:
     """Return the benchmark's record of a run that is made in this process."""
     is_own = request["tool"] == TOOL
-    names = FILE_KEYS + (_FIT_KEYS if is_own else tuple(COUNTS))
+    names = [*FILE_KEYS, *COUNTS]
+    if is_own:
+        names += [
+            "fit_width", "fit_height", "iterations", "rounds", "stop_reason", "threads",
+            "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
+        ]  # fmt: skip
     if request.get("file") == "":
         report, used = request["numbers"], {}
     else:
@@ -125,9 +125,7 @@ def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: flo
 
 
 def _by_gauss2svg(request: Request) -> Run:
-    apply_constants(request["settings"])
-    settings = options_in(request["settings"])
-    options = Options.from_flat({**settings, **request["options"], "full_size": True})
+    options = Options.from_flat({**request["settings"], **request["options"], "full_size": True})
     read = start_watch()
     result = vectorize_by(options, request["source"])
     # The cost is read here, because it must not include the computation of scores.

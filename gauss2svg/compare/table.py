@@ -15,7 +15,7 @@ import platform
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Never
+from typing import Any
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import BenchOptions
@@ -27,7 +27,6 @@ from gauss2svg.compare.variants import (
     Variant,
     entries_of,
     peer_variants,
-    refuse_keywords,
     settings_of,
 )
 from gauss2svg.errors import refusal
@@ -83,10 +82,7 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     """
     finished = (row for row in rows if "error" not in row)
     summary = []
-    keys = (
-        *(axis.key for axis in SCORES), "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged",
-        "psnr_model", "cpu_s", "total_s", "svg_bytes", "svgz_bytes", *COUNTS,
-    )  # fmt: skip
+    keys = [key for _, key, *_ in _COLUMNS if not key.startswith(("below", "peak"))]
     for _, group in itertools.groupby(finished, operator.itemgetter("label")):
         runs = list(group)
         values: dict[str, list[Any]] = {name: [row.get(name) for row in runs] for name in keys}
@@ -171,7 +167,6 @@ def run_bench(
     peers: Iterable[str] = (),
     options: BenchOptions = BenchOptions(),
     progress: Callable[[Progress], None] | None = None,
-    **unknown: Never,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process. Return the rows.
 
@@ -190,9 +185,8 @@ def run_bench(
     same call continues an interrupted benchmark. A row without an error is kept if its photo, its
     settings and the code have not changed. If a run fails, its row has an "error". Raise InputError
     for bad arguments and photos, and OutputError if the folder cannot be written, both before the
-    first run. Raise TypeError for an unknown keyword.
+    first run.
     """
-    refuse_keywords(unknown, "run_bench", BenchOptions)
     seed, scale = options.seed, options.reference_scale
     thread_count(options.threads)
     others, absent = peer_variants(peers)
@@ -207,18 +201,15 @@ def run_bench(
     of_runs = {"seed": seed, "threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
-        # Other tools use neither the seed nor the number of threads, so a record of another tool is
-        # still valid if these change.
-        dependencies = [seed, options.threads] if variant.is_own else []
-        parameters = {"options": of_runs, "peer_timeout": options.peer_timeout}
-        if entry := entries[variant].get(photo):
-            parameters |= {"file": entry["file"], "numbers": entry["numbers"]}
-            dependencies += [entry["digest"], entry["numbers"]]
+        # Other tools do not use the number of threads.
+        dependencies: list[Any] = [options.threads if variant.is_own else None]
+        parameters: dict[str, Any] = {"options": of_runs, "peer_timeout": options.peer_timeout}
         if source := sources.get(photo):
             parameters["reference"] = source, scale
             dependencies += [hashlib.sha256(source.read_bytes()).hexdigest(), scale]
         columns = {"seed": seed, "versions": versions | {variant.tool: variant.version}}
-        return Task(photo, variant, parameters, tuple(dependencies), columns)
+        entry = entries[variant].get(photo, {})
+        return Task(photo, variant, parameters, tuple(dependencies), columns, entry)
 
     plan = [task_of(photo, variant) for variant in variants for photo in photos]
     outputs = ("rows.jsonl", "bench.json", "bench.csv", "summary.md", *NAMES)

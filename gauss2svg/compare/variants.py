@@ -1,9 +1,7 @@
 """The variants of a comparison: presets, numbers of Gaussians, other tools, and axes.
 
-An axis is what the benchmark varies: an option of `vectorize`, or a constant of a module, which is
-written as MODULE.NAME. For example, `--axis pipeline.limits.FULL=0.97,0.985` varies the constant
-FULL of the module gauss2svg.pipeline.limits. The benchmark runs every combination of the values of
-all axes.
+An axis is an option of `vectorize` that a comparison varies. It runs every combination of the
+values of all axes.
 
 The files of any other method are in a folder, with a CSV of what they cost. A CSV alone has numbers
 without files.
@@ -11,17 +9,13 @@ without files.
 
 from __future__ import annotations
 
-import ast
 import csv
 import hashlib
 import io
 import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from importlib import import_module
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,11 +26,10 @@ from gauss2svg.compare.records import COUNTS, FILE_KEYS, PEERS, TOOL
 from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
 from gauss2svg.files import reading, text_of
 from gauss2svg.fit import MOST_GAUSSIANS
-from gauss2svg.measure import SCORES
-from gauss2svg.options import Field, OptionGroup, fields_of
+from gauss2svg.options import Field, fields_of
 from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
-from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan
+from gauss2svg.pipeline.plan import PRESETS, Plan
 from gauss2svg.version import __version__
 
 
@@ -71,8 +64,7 @@ def photos_and_peers(
 
 
 # Names of a report whose values are numbers, which a CSV may have as columns.
-_NUMBERS = [*(score.key for score in SCORES), *FILE_KEYS, *COUNTS]
-_NUMBERS.remove("renderer")
+_NUMBERS = [*(name for name in FILE_KEYS if name != "renderer"), *COUNTS]
 
 
 def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, dict[str, Any]]:
@@ -91,15 +83,11 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
         return {}
     folder, is_table = Path(files), Path(files).is_file()
     tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
-    rows: list[dict[str, str]] = []
-    for path in filter(Path.is_file, tables):
-        rows += (rows_in_table := rows_of(path))
-        _check_numbers(path, rows_in_table)
-    columns = [str(name) for name in rows[0]] if rows else []
+    rows = [row for path in tables if path.is_file() for row in rows_of(path)]
+    columns = list(rows[0]) if rows else []
     if is_table and set(_NUMBERS).isdisjoint(columns):
-        got, near = brief(", ".join(columns)), [nearest(name, _NUMBERS) for name in columns]
-        advice = next(filter(None, near), "psnr_svg,svgz_bytes")
-        raise refusal(files, "a CSV with columns of a report", got or "no row", advice)
+        got, needed = brief(", ".join(columns)) or "no row", "columns of a report between commas"
+        raise refusal(files, f"a CSV with {needed}", got, "psnr_svg,svgz_bytes")
     named = {row.get("photo") or row.get("input") or "": row for row in rows}
     by_stem = {Path(name).stem: row for name, row in named.items()}
     pictures = {} if is_table else {
@@ -115,33 +103,21 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
         entries[photo] = {
             "file": "" if is_table and row else data and str(path),
             "digest": data and hashlib.sha256(data).hexdigest(),
-            "numbers": _numbers_of(row),
+            "numbers": _numbers_of(row, files),
         }
     return entries
 
 
-def _check_numbers(path: Path, rows: Iterable[Mapping[str, str]]) -> None:
-    """Raise InputError if a cell of a report's number is neither a number nor empty.
-
-    Also raise it for a table whose columns are separated by semicolons.
-    """
-    for line, row in enumerate(rows, 2):
-        if separated := next((name for name in row if ";" in name), None):
-            advice = "commas between columns, and points in numbers"
-            raise refusal(str(path), "a CSV with commas", quoted(separated), advice)
-        for name in row.keys() & set(_NUMBERS) - _numbers_of(row).keys():
-            if cell := row[name].strip():
-                point = cell.replace(",", ".", 1)
-                advice = point if _numbers_of({name: point}) else "an empty cell for no number"
-                raise refusal(f"{name} in row {line} of {path}", "a number", quoted(cell), advice)
-
-
-def _numbers_of(row: Mapping[str, str]) -> dict[str, float]:
-    """Return the cells of a row that are numbers."""
+def _numbers_of(row: Mapping[str, str], files: str) -> dict[str, float]:
+    """Return the numbers of a report in a row. Raise InputError for a cell that has none."""
     numbers = {}
     for name, cell in row.items():
-        with suppress(ValueError, TypeError):
-            numbers[name] = int(cell) if cell.isdecimal() else float(cell)
+        if name in _NUMBERS and cell.strip():
+            try:
+                numbers[name] = int(cell) if cell.isdecimal() else float(cell)
+            except ValueError as error:
+                needed = "a number with a point, or empty"
+                raise refusal(f"{name} in {files}", needed, quoted(cell)) from error
     return numbers
 
 
@@ -262,9 +238,6 @@ def variants_of(
     own = [("quality", preset.checked(name)) for name in _sequence("variants", presets)]
     own += [("gaussians", count.checked(number)) for number in _sequence("counts", counts)]
     settings = [*((setting,) for setting in own), *(settings_of(axes) if axes else ())]
-    for name in (name for name, _ in chain(*settings) if "." in name):
-        # A process of a gallery makes several SVGs, and would keep the value for all of them.
-        raise refusal("axes of a gallery", "options", name, "gauss2svg bench")
     others, absent = peer_variants(peers, 1)
     for variant in others:
         if Path(variant.files).is_file():  # "" is no file
@@ -279,12 +252,10 @@ def variants_of(
 def main_variant(variants: Sequence[Variant]) -> Variant:
     """Return the variant that pages show first.
 
-    It is that of the default options, or if that is missing, the variant in the middle of the list.
+    It is the one in the middle of the list, because presets are listed from the fastest on.
     """
     own = [variant for variant in variants if variant.is_own] or variants
-    defaults = {name: field.default for name, field in AXES.items()} | {"quality": DEFAULT_PRESET}
-    usual = (v for v in own if v.is_own and dict(v.settings).items() <= defaults.items())
-    return next(usual, own[len(own) // 2])
+    return own[len(own) // 2]
 
 
 def _sequence(name: str, values: Any) -> list[Any]:
@@ -309,21 +280,6 @@ AXES: dict[str, Field] = {
 }
 
 
-def refuse_keywords(unknown: Iterable[str], function: str, group: type[OptionGroup]) -> None:
-    """Raise TypeError for the first keyword that a function does not have.
-
-    If the keyword is an option, the message says how to give it.
-
-    group  class of the function's argument `options`
-    """
-    own = [field.name for field in fields_of(group)]
-    for name in unknown:
-        how = f'axes={{"{name}": [...]}}' if name in AXES else nearest(name, [*own, *AXES])
-        how = f"options={group.__name__}({name}=...)" if name in own else how
-        advice = f". Try {how}" if how else ""
-        raise TypeError(f"keyword must be one of {function}; got {quoted(name)}{advice}")
-
-
 # Settings of the benchmark if no axis is given: first the presets, and then some numbers of
 # Gaussians and of iterations with the default preset. On two cores, these runs take about a minute
 # for a photo of half a megapixel.
@@ -331,26 +287,6 @@ DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
     {"quality": tuple(PRESETS)},
     {"gaussians": (500, 2000, 8000), "iterations": (100, 300)},
 )
-
-
-# An axis may vary a constant of a module if the constant is an int or a float. For each of the two
-# types, this is the range (smallest value, largest value) in which the values of the axis must be.
-_CONSTANTS = {int: (0, 2**63 - 1), float: (-1e300, 1e300)}
-
-
-def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that are options, and not constants of modules."""
-    return {name: value for name, value in settings.items() if "." not in name}
-
-
-def apply_constants(settings: Mapping[str, Any]) -> None:
-    """Set those module constants that the settings name.
-
-    The constants keep their new values, so this process must not be used for another run.
-    """
-    for name in settings.keys() - options_in(settings):
-        module, _, constant = name.rpartition(".")
-        setattr(import_module(f"gauss2svg.{module}"), constant, settings[name])
 
 
 def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
@@ -398,67 +334,15 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         combinations |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
     for settings in combinations:
         try:
-            Plan(Options.from_flat(options_in(dict(settings))))
+            Plan(Options.from_flat(dict(settings)))
         except Gauss2SvgError as error:
-            # The error message has options in the form --NAME VALUE. This changes them to the form
-            # --axis NAME=VALUE.
-            line = re.sub(r"(--[\w-]+) (?!and\b|or\b|without\b)(?=\w)", r"\1=", str(error))
-            raise InputError(f"axes: {line.replace('--', '--axis ')}") from error
+            raise InputError(f"axes: {error}") from error
     return list(combinations)
 
 
 def _axis(name: str) -> Field:
-    """Return the Field of an option or of a constant. Raise InputError for any other name."""
-    if name in AXES:
-        return AXES[name]
-    module, _, constant = name.rpartition(".")
-    try:
-        kind = type(vars(import_module(f"gauss2svg.{module}"))[constant])
-    except (ImportError, KeyError):
-        kind = None
-    if kind not in _CONSTANTS or not constant.isupper():
-        needed, advice = f"an option: one of {', '.join(AXES)}", "quality"
-        if module:
-            needed, advice = "a number that a module has in capitals", "pipeline.limits.FULL"
-        raise refusal("axis", needed, quoted(name), advice)
-    if early := _early_reading(f"gauss2svg.{module}", constant):
-        needed, got = (
-            "a constant that the code reads only in runs",
-            f"{quoted(name)}, which {early}",
-        )
-        raise refusal("axis", needed, got, "changing its line")
-    return Field(f"axis {name}", kind, *_CONSTANTS[kind])
-
-
-def _early_reading(module: str, constant: str) -> str:
-    """Return how the package reads a constant of a module before a run sets it, or "".
-
-    A new value would change only a part of the program in three cases: if a module imports the
-    constant by name, if another constant or the bounds of an option are computed from it, and if it
-    is the default of a parameter. The source is read instead of the loaded modules, because some
-    modules are imported only when they are needed.
-    """
-    target = f"{module}.{constant}"
-    package = Path(__file__).parents[1]
-    functions: Any = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
-    for path in sorted(package.rglob("*.py")):
-        parts = path.relative_to(package.parent).with_suffix("").parts
-        reader = ".".join(parts).removesuffix(".__init__")
-        # The names that this module has for other modules, and for constants: {name: dotted name}.
-        names = {constant: target} if reader == module else {}
-        text = path.read_text(encoding="utf-8")
-        nodes: list[Any] = [ast.parse(text)] if constant in text else []
-        for node in nodes:  # the list grows meanwhile
-            if isinstance(node, functions):
-                node.body = []  # it does not run when the module is imported
-            nodes += ast.iter_child_nodes(node)
-            if isinstance(node, ast.ImportFrom):
-                new = {one.asname or one.name: f"{node.module}.{one.name}" for one in node.names}
-                if target in new.values() or new.keys() & names.keys() & {constant}:
-                    return f"{reader} imports by name"
-                names |= new
-            elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
-                first, dot, rest = ast.unparse(node).partition(".")
-                if names.get(first, first) + dot + rest == target:
-                    return f"{reader} reads when it is imported"
-    return ""
+    """Return the Field of an option. Raise InputError for any other name."""
+    if name not in AXES:
+        advice = nearest(name, AXES) or "quality"
+        raise refusal("axis", f"an option: one of {', '.join(AXES)}", quoted(name), advice)
+    return AXES[name]

@@ -10,7 +10,7 @@ a run need these numbers of bytes:
 
 For a transparent photo, 70, 28 and 151 replace 31, 12 and 57. Inks need more.
 The estimate is the sum of the largest stage, the interpreter with its libraries, and the shapes,
-times a margin. benchmarks/memory.py compares it with the memory that processes really take. The
+times a margin. docs/decisions/memory.md compares it with the memory that processes really take. The
 estimate does not include other programs that rasterise the file, nor the first compilation of the
 kernels, which takes 105 MB.
 """
@@ -34,7 +34,7 @@ from gauss2svg.scene import ADD
 MEASURED_PIXELS = 1_000_000
 # Bytes of memory that a photo takes per pixel. A tuple has a number for the photo while it is held,
 # one while it is decoded, and one while a file is measured against it. The first tuple is for an
-# opaque photo, and the second for a photo with alpha (benchmarks/memory.py).
+# opaque photo, and the second for a photo with alpha (docs/decisions/memory.md).
 _PIXEL_BYTES = (12, 31, 57), (28, 70, 151)
 
 

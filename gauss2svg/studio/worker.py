@@ -23,7 +23,7 @@ from urllib.parse import quote
 from gauss2svg.compare.records import json_safe, record_or_error
 from gauss2svg.compare.run import outlines_with_nodes
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.files import as_json, as_png, is_device, saved, write_whole
+from gauss2svg.files import as_json, as_png, replace, saved
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline.budgets import memory_limit
@@ -72,7 +72,9 @@ def _fit(request: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _write(path: Path, data: bytes) -> None:
-    write_whole(path, data, path.with_name("part"), sync=False)
+    part = path.with_name("part")
+    part.write_bytes(data)
+    replace(part, path)
 
 
 def _end_if_canceled(folder: Path) -> None:
@@ -168,5 +170,4 @@ def _saved_only(result: Result, name: str) -> Iterator[tuple[str, bytes]]:
 
 def stem_of(name: str) -> str:
     """Return a display name without its suffix, made a valid file name on any system."""
-    stem = PurePath(name).stem.encode()[:200].decode(errors="ignore")
-    return f"_{stem}" if is_device(stem) else stem
+    return PurePath(name).stem.encode()[:200].decode(errors="ignore")

@@ -19,19 +19,16 @@ from batches import TINY_COMMAND
 import gauss2svg
 
 _ROOT = os.fspath(Path(gauss2svg.__file__).parents[1])
-# Loaded by every Python that finds it: photos are held between their SVG and their mark, and one
-# kills who works on it.
+# Loaded by every Python that finds it: photos are held between their SVG and their mark.
 _HELD = """
-import ctypes, os, sys, time
+import os, sys, time
 from pathlib import Path
 if "gauss2svg.pool" in sys.orig_argv or "spawn_main" in " ".join(sys.orig_argv):
     from gauss2svg.batch import worker
     write, here = worker.write, Path(__file__).parent
-    def held(root, name, data, **given):
+    def held(root, name, data):
         photo = Path(name).name.partition(".")[0]
-        if photo == "crash":
-            ctypes.string_at(0)
-        write(root, name, data, **given)
+        write(root, name, data)
         while photo >= (here / "first").read_text():
             (here / f"{photo}-{os.getpid()}").touch()
             time.sleep(0.01)
@@ -42,12 +39,10 @@ if "gauss2svg.pool" in sys.orig_argv or "spawn_main" in " ".join(sys.orig_argv):
 def started(*command: str, cwd: Path, **options) -> subprocess.Popen:
     """A Python in a session of its own, whose batches are held."""
     path = os.pathsep.join([str(cwd / "held"), _ROOT])
-    # A worker that dies is a fault at once: Dask would try its photo on three others.
-    tries = "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"
     return subprocess.Popen(
         [sys.executable, "-P", "-m", *command],
         cwd=cwd,
-        env={**os.environ, "PYTHONPATH": path, tries: "0"},
+        env={**os.environ, "PYTHONPATH": path},
         start_new_session=True,
         **options,
     )
@@ -107,11 +102,6 @@ class Cluster(Local):
     def _start(self, kind: str, *options: str) -> subprocess.Popen:
         module = f"distributed.cli.dask_{kind}"
         return started(module, *options, cwd=self.folder, stderr=subprocess.DEVNULL)
-
-    def workers(self, _: subprocess.Popen) -> list[int]:
-        """Return the process ids of the workers."""
-        children = psutil.Process(self._nannies.pid).children()
-        return [c.pid for c in children if "spawn_main" in " ".join(c.cmdline())]
 
     def close(self) -> None:
         """Kill all processes."""

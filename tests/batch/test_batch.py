@@ -8,14 +8,13 @@ import os
 from types import SimpleNamespace
 
 import pytest
-from batches import TINY_COMMAND, left_parts, marks, outputs, save_photo, save_photos, tiny
+from batches import TINY_COMMAND, marks, outputs, save_photo, save_photos, tiny
 
 from gauss2svg.batch import many, worker
-from gauss2svg.batch.many import Summary, vectorize_many, write_table
-from gauss2svg.batch.stores import MARKS, PARTS, STATE, TABLE, prepare, write
-from gauss2svg.batch.worker import PhotoRecord
+from gauss2svg.batch.many import Summary, as_cell, text_of_cell, vectorize_many
+from gauss2svg.batch.stores import STATE, TABLE, write
+from gauss2svg.batch.worker import MARKS, PhotoRecord
 from gauss2svg.cli.main import main
-from gauss2svg.compare.variants import rows_of
 from gauss2svg.errors import ClusterError, OutputError
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline import budgets
@@ -74,19 +73,13 @@ def test_each_photo_has_a_row_and_each_svg_a_mark_with_all_that_is_asked_for(run
     assert "must be a supported image" in table["bad.svg"]["error"]
     assert outputs(out).keys() == marks(out).keys() == set(GOOD)
     for name, one in marks(out).items():
-        assert one.keys() == {*table[name], "run"} == {*PhotoRecord._fields, "run"}
+        assert one.keys() == table[name].keys() == {*PhotoRecord._fields}
         assert (out / STATE / f"options-{one['options']}.json").exists()
         data = (out / name).read_bytes()
         assert (one["svg_bytes"], one["svgz_bytes"]) == (len(data), len(file_bytes(data, True)))
         assert (one["width"], one["height"]) == (12, 12)
         assert min(one["psnr_svg"], one["paint_ms"], one["total_s"], one["cpu_s"]) > 0
         assert table[name]["psnr_svg"] == str(one["psnr_svg"])
-    assert left_parts(out) == []
-    parquet = (
-        pytest.importorskip("pyarrow.parquet").read_table(out / STATE / "table.parquet").to_pydict()
-    )
-    assert parquet["output"] == list(table)
-    assert sorted(filter(None, parquet["width"])) == [12] * 4
 
 
 def test_what_is_done_needs_no_worker_and_stays_as_it_is(
@@ -113,12 +106,10 @@ def damage_marks(folder):
 
 
 CHANGES = [
-    (lambda at: None, {}, []),
     (lambda at: save_photo(at / "photos/a.png", 9), {}, ["a.svg"]),
     (lambda at: os.utime(at / "photos/a.png", ns=(1, 1)), {}, ["a.svg"]),
     (lambda at: (at / "out/e.svg").unlink(), {}, ["e.svg"]),
     (lambda at: (at / "out/e.svg").write_text("cut"), {}, ["e.svg"]),
-    (lambda at: (at / "out" / MARKS / "e.svg.json").unlink(), {}, ["e.svg"]),
     (lambda at: None, {"threads": 1}, []),
     (damage_marks, {}, GOOD),
     (lambda at: None, {"seed": 5}, GOOD),
@@ -158,7 +149,7 @@ def test_fault_of_a_library_costs_its_photo_alone(run, photos, tmp_path, monkeyp
 def test_disk_that_cannot_be_written_ends_the_batch_and_loses_nothing(
     run, photos, tmp_path, monkeypatch
 ):
-    def failing(root, name, data, sync=True):
+    def failing(root, name, data):
         if name.startswith("b/c d.svg"):
             error = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             raise OutputError("cannot write it: no space") from error
@@ -173,27 +164,49 @@ def test_disk_that_cannot_be_written_ends_the_batch_and_loses_nothing(
     assert "b/c d.svg" in found["done"]
 
 
+def test_what_costs_a_worker_or_a_name_that_is_taken_costs_its_photo_alone(
+    run, photos, tmp_path, monkeypatch
+):
+    save_photo(photos / "e.svg/x.png", 5)  # e.svg is a folder then, or that is a file
+    vectorize_photo = worker.vectorize_photo
+
+    def deadly(spec, photo):
+        if photo[1] == "a.svg":
+            raise WorkerDiedError("killed by SIGKILL")
+        return vectorize_photo(spec, photo)
+
+    monkeypatch.setattr(worker, "vectorize_photo", deadly)
+    found = run(photos)
+    assert found["done"] == GOOD[1:]
+    assert found["failed"] == ["a.svg", "e.svg/x.svg"]
+    assert "memory? Try" in rows(tmp_path / "out")["a.svg"]["error"]
+
+
+def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, monkeypatch):
+    monkeypatch.setattr(worker, "__version__", "0")
+    with pytest.raises(ClusterError, match=r"workers must have gauss2svg .*; got 0"):
+        run(photos)
+    assert outputs(tmp_path / "out") == {}
+
+
+def test_no_cell_of_a_table_begins_a_formula_and_every_name_is_unicode():
+    for text in ("=1+1", "+1", "-1", "@a", "\tx", "\rx"):
+        assert as_cell(text) == f"'{text}"
+        assert text_of_cell(as_cell(text)) == text
+    for text in ("a=1", "'a", "ü"):
+        assert as_cell(text) == text_of_cell(text) == text
+    assert (as_cell("\udcff"), as_cell(-1.5)) == ("\\udcff", -1.5)
+
+
 @pytest.mark.posix  # Windows forbids most of these names
 def test_every_name_that_the_system_allows_is_read_and_written(run, tmp_path):
-    names = ["2024-05-01 12:30:05", "C:", "c:a", "a::b", "http:", "#", "a?b", "%41", "*", "[ab]"]
-    names += ["-", "--quality", "a.", " a ", "con", "x" * 230, "new\nline", "\x1b[31m", "\udcff"]
-    names += ["a\\b"]
+    names = ["12:30:05", "a::b", "#", "a?b", "%41", "*", "--quality", "new\nline", "\udcff", "a\\b"]
     for name in names:
         save_photo(tmp_path / "in/photo.png", 6).rename(tmp_path / f"in/{name}.png")
     made = sorted(f"{name}.svg" for name in names)
     assert run(tmp_path / "in") == {"done": made, "skipped": [], "failed": []}
     assert run(*(tmp_path / "in").iterdir())["skipped"] == made
     assert sorted(outputs(tmp_path / "out")) == made
-
-
-def test_name_that_cannot_be_written_costs_its_photo_alone(run, photos, tmp_path):
-    save_photo(photos / "e.svg/x.png", 5)
-    names = ["n" * length for length in (252, 250)]
-    long = [save_photo(tmp_path / "x.png", 6).rename(tmp_path / name) for name in names]
-    found = run(photos, *long)
-    assert found["done"] == GOOD
-    assert found["failed"] == ["e.svg/x.svg", *(f"{name}.svg" for name in names[::-1])]
-    assert not left_parts(tmp_path / "out")
 
 
 def test_photo_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monkeypatch):
@@ -207,45 +220,6 @@ def test_photo_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, mon
     assert run(photo, max_memory=limit)["done"] == ["large.svg"]
 
 
-def test_a_table_that_takes_long_is_not_harmed_by_another_batch_into_its_folder(tmp_path):
-    def records():
-        for name in ("a", "b"):
-            yield PhotoRecord(f"{name}.png", f"{name}.svg")
-            for part in left_parts(tmp_path):
-                os.utime(tmp_path / PARTS / part, (1, 1))
-            prepare(str(tmp_path))
-
-    prepare(str(tmp_path))
-    write_table(str(tmp_path), records())
-    assert rows(tmp_path).keys() == {"a.svg", "b.svg"}
-    assert left_parts(tmp_path) == []
-
-
-def test_photo_that_kills_its_workers_is_found_and_costs_no_other(run, tmp_path, monkeypatch):
-    photos = save_photos(tmp_path / "many", [f"{number}.png" for number in range(5)])
-    vectorize_photo, deaths = worker.vectorize_photo, []
-
-    def deadly(spec, photo):
-        if photo[1] in ("1.svg", "3.svg"):
-            deaths.append(photo[1])
-            raise WorkerDiedError("killed by SIGKILL")
-        return vectorize_photo(spec, photo)
-
-    monkeypatch.setattr(worker, "vectorize_photo", deadly)
-    monkeypatch.setattr(many, "_FEW_PHOTOS", 3)  # a job has several photos
-    found = run(photos)
-    assert (len(found["done"]), found["failed"]) == (3, ["1.svg", "3.svg"])
-    assert max(map(deaths.count, deaths)) == 2
-    assert "memory? Try" in rows(tmp_path / "out")["3.svg"]["error"]
-
-
-def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, monkeypatch):
-    monkeypatch.setattr(many, "versions", lambda: {"numpy": "1"})
-    with pytest.raises(ClusterError, match=r"workers must have {'numpy': '1'}; got .*\. Try"):
-        run(photos)
-    assert outputs(tmp_path / "out") == {}
-
-
 def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatch):
     now = iter((0.0, 10.0))
     monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=now.__next__))
@@ -254,23 +228,7 @@ def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatc
         summary.add(PhotoRecord("a.png", "a.svg", **given))
     assert summary.progress_text(13) == "5 s a photo, 1 failed, 0:00:50 left"
     monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=lambda: 5.0))
-    assert list(Summary().lines()) == ["0 done, 0 skipped, 0 failed in 0.0 s: 0 photos a second"]
-
-
-def test_no_cell_of_a_table_begins_a_formula_and_every_name_is_unicode(tmp_path):
-    texts = ["=1+1", "+1", "-1", "@a", "\tx", "\rx", "'=1", "a=1", "'a", "\udcffü"]
-    (tmp_path / PARTS).mkdir(parents=True)
-    write_table(str(tmp_path), [PhotoRecord(text, text, psnr_svg=-1.5) for text in texts])
-    table = rows(tmp_path)
-    assert table.keys() == {*(f"'{text}" for text in texts[:7]), "a=1", "'a", "\\udcffü"}
-    assert table["a=1"]["psnr_svg"] == "-1.5"  # a number stays one
-    texts[-1] = "\\udcffü"
-    assert [row["input"] for row in rows_of(tmp_path / TABLE)] == texts
-    parquet = pytest.importorskip("pyarrow.parquet").read_table(tmp_path / STATE / "table.parquet")
-    assert parquet.column("input").to_pylist() == texts
-    columns = json.loads(parquet.schema.metadata[b"pandas"])["columns"]
-    kinds = {column["name"]: column["numpy_type"] for column in columns}
-    assert (kinds["width"], kinds["psnr_svg"], kinds["skipped"]) == ("Int64", "float64", "bool")
+    assert list(Summary().lines()) == ["0 done, 0 skipped, 0 failed in 0.0 s"]
 
 
 def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp_path):
@@ -283,16 +241,3 @@ def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp
     assert (found["done"], found["failed"]) == (["e.svg"], ["a.svg"])
     assert (out / "a.svg").read_text() == "drawn by hand"
     assert "a.svg" in rows(out)["a.svg"]["error"]
-
-
-@pytest.mark.posix
-def test_photo_is_not_overwritten_by_its_output(run, photos, tmp_path, monkeypatch):
-    (tmp_path / "out" / STATE).mkdir(parents=True)
-    os.symlink(tmp_path / "out/a.svg", photos / "f.png")
-    listed = tmp_path / "list.txt"
-    photo = save_photo(tmp_path / "x.png", 1).rename(tmp_path / "out/x.svg")
-    listed.write_text("x.svg\n")
-    monkeypatch.chdir(tmp_path / "out")
-    data = photo.read_bytes()
-    assert run(listed)["failed"] == ["x.svg"]
-    assert photo.read_bytes() == data

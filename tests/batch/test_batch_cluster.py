@@ -1,4 +1,4 @@
-"""Batches in processes, on both engines: whatever dies, the files are those of a quiet run."""
+"""Batches in processes here and in a cluster: whatever dies, files are those of a quiet run."""
 
 import csv
 import os
@@ -6,7 +6,7 @@ import signal
 from contextlib import closing
 
 import pytest
-from batches import marks, outputs, save_photo, save_photos, tiny
+from batches import marks, outputs, save_photos, tiny
 from clusters import Cluster, Local, ended
 from conftest import has_ended
 
@@ -30,24 +30,10 @@ def quiet(photos):
     }
 
 
-@pytest.fixture(scope="module")
-def of_module(tmp_path_factory):
-    with closing(Cluster(tmp_path_factory.mktemp("cluster"))) as cluster:
-        yield cluster
-
-
 @pytest.fixture
-def cluster(of_module):
-    """A cluster, anew if a test has killed it."""
-    if of_module.scheduler.poll() is not None:
-        of_module.close()
-        of_module.start()
-    return of_module
-
-
-@pytest.fixture(params=[Local, Cluster])
-def engine(request, tmp_path):
-    return Local(tmp_path) if request.param is Local else request.getfixturevalue("cluster")
+def cluster(tmp_path):
+    with closing(Cluster(tmp_path)) as cluster:
+        yield cluster
 
 
 def check_whole(out, quiet):
@@ -62,16 +48,15 @@ def errors_in(out):
         return {row["output"]: row["error_code"] for row in csv.DictReader(table)}
 
 
-def test_interrupted_and_killed_and_run_again_is_run_once(engine, photos, quiet, tmp_path):
-    """The command by a signal, then at once, then a worker; a photo may crash its workers."""
-    out, is_local = tmp_path / "out", type(engine) is Local
+def test_interrupted_and_killed_and_run_again_is_run_once(photos, quiet, tmp_path):
+    """The command by a signal, then at once, then a worker."""
+    engine, out = Local(tmp_path), tmp_path / "out"
     engine.hold("06")
     command = engine.batch(out, photos)
     engine.wait_held("06", command)
-    number = signal.SIGINT if is_local else signal.SIGTERM
-    os.killpg(command.pid, number)  # as at a terminal, which sends it to all processes
+    os.killpg(command.pid, signal.SIGINT)  # as at a terminal, which sends it to all processes
     status, (see, interrupted) = ended(command)
-    assert status == 128 + number
+    assert status == 128 + signal.SIGINT
     assert see.startswith(f"gauss2svg: see {out / TABLE}")
     done = sum(not code for code in errors_in(out).values())
     begins = f"gauss2svg: interrupted; {done} of {len(NAMES)} photos are done, and the same command"
@@ -83,42 +68,35 @@ def test_interrupted_and_killed_and_run_again_is_run_once(engine, photos, quiet,
     engine.wait_held("08", command)
     workers = engine.workers(command)
     command.kill()
-    assert all(map(has_ended, workers)) or not is_local
+    engine.hold("none")  # workers end once they have their photo
     assert ended(command)[0] == -signal.SIGKILL
+    assert all(map(has_ended, workers))
     check_whole(out, quiet)
-    # Not in a cluster: a worker that dies there may not have told yet that a photo is done.
-    crashing = [save_photo(tmp_path / "crash.png", 0)] * is_local
     engine.hold("10")
-    command = engine.batch(out, photos, *crashing)
+    command = engine.batch(out, photos)
     engine.wait_held("10", command)
     os.kill(engine.workers(command)[0], signal.SIGKILL)
     engine.hold("none")
-    assert ended(command)[0] == len(crashing)
+    assert ended(command)[0] == 1
+    assert sorted(errors_in(out).values()) == [*[""] * (len(quiet) - 1), "WorkerDied"]
+    assert ended(engine.batch(out, photos))[0] == 0
     assert outputs(out) == quiet
-    died = dict.fromkeys(["crash.svg"] * is_local, "WorkerDied")
-    assert errors_in(out) == dict.fromkeys(quiet, "") | died
+    assert errors_in(out) == dict.fromkeys(quiet, "")
 
 
-def test_two_runs_at_once_lose_nothing(cluster, photos, quiet, tmp_path):
-    cluster.hold("00")
-    runs = [cluster.batch(tmp_path / "out", photos, local=one) for one in (False, True)]
-    cluster.wait_held("00", *runs)  # both have begun
-    cluster.hold("none")
-    found = [ended(command) for command in runs]
-    assert [status for status, _ in found] == [0, 0], found
-    assert outputs(tmp_path / "out") == quiet
-    assert marks(tmp_path / "out").keys() == quiet.keys()
-
-
-def test_scheduler_that_is_killed_ends_the_batch_and_loses_nothing(
+def test_two_runs_at_once_and_a_scheduler_that_is_killed_lose_nothing(
     cluster, photos, quiet, tmp_path
 ):
+    out = tmp_path / "out"
     cluster.hold("04")
-    command = cluster.batch(tmp_path / "out", photos)
-    cluster.wait_held("04", command)
+    runs = [cluster.batch(out, photos, local=one) for one in (False, True)]
+    cluster.wait_held("04", *runs)  # both have begun
     os.kill(cluster.scheduler.pid, signal.SIGKILL)
-    status, (line,) = ended(command)
+    status, (line,) = ended(runs[0])
     assert status == 2
     assert line.startswith("gauss2svg: --scheduler must be the address of a Dask scheduler")
-    check_whole(tmp_path / "out", quiet)
-    assert outputs(tmp_path / "out")
+    check_whole(out, quiet)
+    cluster.hold("none")
+    assert ended(runs[1])[0] == 0
+    assert outputs(out) == quiet
+    assert marks(out).keys() == quiet.keys()

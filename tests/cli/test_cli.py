@@ -172,7 +172,7 @@ MISTAKES = [
     ("PHOTO -q", "-q must be an option; got an unknown one. Try --help, or ./-q for a"),
     ("placeholder PHOTO -o PHOTO", "--output must be a name for the format svg; got"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
-    ("bench PHOTO -o FOLDER/x --axis schedule", "; got linear. Try --axis gaussians=1000"),
+    ("bench PHOTO -o FOLDER/x --axis schedule", "axes: schedule must be given with a number"),
     ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "LABEL=FOLDER; got 'jpeg:31'"),
     ("bench PHOTO -o FOLDER/x --peers draft=.", "no preset and no other peer has; got 'draft'"),
     ("bench PHOTO -o FOLDER/x --peers mine=none", "a folder of SVGs or pictures, or a CSV"),
@@ -186,7 +186,6 @@ MISTAKES = [
     ("studio --no-browser --port 70000", "port"),
     ("studio --no-browser none", "FOLDER"),
     ("studio --no-browser --host 300.1.1.1", "host and port"),
-    ("gallery PHOTO -o FOLDER/x --axis pipeline.limits.FULL=1", "axes of a gallery must be"),
 ]  # fmt: skip
 
 

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+from collections import Counter
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -19,19 +20,9 @@ from gauss2svg.compare.grid import add_row, rows_in
 from gauss2svg.compare.records import TOOL
 from gauss2svg.compare.run import crops_of
 from gauss2svg.compare.table import below, plots_of
-from gauss2svg.compare.variants import (
-    apply_constants,
-    options_in,
-    parse_axes,
-    settings_of,
-    variants_of,
-)
+from gauss2svg.compare.variants import parse_axes, settings_of, variants_of
 from gauss2svg.errors import InputError
 from gauss2svg.measure import PSNR, SCORES, SSIM
-from gauss2svg.pipeline import limits
-
-FULL = "pipeline.limits.FULL"
-ONLY_IN_RUNS = r"axis must be a constant that the code reads only in runs; got '[\w.]+', which "
 
 
 def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
@@ -53,7 +44,6 @@ def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
         ("inks=3,6", (3, 6)),
         ("inks=6;#fff,#000; f7c306,17324d", (6, "#ffffff,#000000", "#f7c306,#17324d")),
         ("gaussians=auto, 5", ("auto", 5)),
-        (f"{FULL}=0.5,1", (0.5, 1.0)),
     ],
 )
 def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
@@ -68,31 +58,15 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
         (["speed"], "axis must be an option: one of quality, gaussians"),
         (["inks=6,griin"], "axis inks must be .*Try 6, or"),
         (["gaussians=many"], "axis gaussians must be .*; got 'many'"),
-        ([f"{FULL}=x"], f"axis {FULL} must be a number in .*; got 'x'"),
         ({"loss": ()}, "axis loss must be given with values"),
         ({"loss": ["l3"]}, "axis loss must be one of weighted, mse"),
         (["form=gradient,blur", "renderer=chromium,cairo"], ".*for form blur; got 'cairo'"),
-        # A new value of these constants would change a part of the program.
-        (["pipeline.plan.CAP_FOR_TARGET=1"], f"{ONLY_IN_RUNS}gauss2svg.pipeline.* imports by"),
-        (["scene.PLAIN=1"], f"{ONLY_IN_RUNS}gauss2svg.* imports by name"),
-        (["pipeline.budgets.STEPS=9"], f"{ONLY_IN_RUNS}gauss2svg.pipeline.budgets reads when"),
-        (["scene.falloff.RADIUS=2"], f"{ONLY_IN_RUNS}gauss2svg.scene.falloff reads when"),
-        (["render.MOST_SIDE=9"], f"{ONLY_IN_RUNS}gauss2svg.render reads when"),
-        (["scene.scene.MOST_SIGMA=9"], f"{ONLY_IN_RUNS}gauss2svg"),
     ],
 )
 def test_axes_that_no_run_could_have_are_refused_on_one_line(axes, line):
     with pytest.raises(InputError, match=f"^ax[ie]s:?.*{line.removeprefix('axis')}") as refusal:
         settings_of(axes if isinstance(axes, dict) else parse_axes(axes))
     assert "\n" not in str(refusal.value)
-
-
-def test_a_constant_of_the_code_is_replaced_where_it_is_read(monkeypatch):
-    (settings,) = settings_of({FULL: [0.5], "gaussians": [7]})
-    assert options_in(dict(settings)) == {"gaussians": 7}
-    monkeypatch.setattr(limits, "FULL", limits.FULL)
-    apply_constants(dict(settings))
-    assert limits.FULL == 0.5
 
 
 # Few values, so that equals are common.
@@ -135,18 +109,15 @@ odd_letters = st.sampled_from("\udcff\ud800\u202e\u200f🙂/\\.:-x1 A\u0130")
 
 @given(st.text(st.characters(codec="utf-8") | odd_letters, max_size=60))
 @example("")
-@example("COM\N{SUPERSCRIPT ONE}")
-@example("nul")
 @example("K" * 300)
 def test_slug_is_a_safe_name_of_a_folder_on_any_system(name):
     slug = slug_of(name)
     assert re.fullmatch(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?", slug)
-    assert len(slug) <= 54
-    assert not re.fullmatch(r"con|prn|aux|nul|com\d|lpt\d", slug)
+    assert len(slug) <= 48
 
 
 # Few names, so that they clash in every way, also with one that ends in a digest.
-FOLDERS, NAMES = ["", "a", "a/b", "b/a"], ["x", "X", "x.", "y", "x-2", "con", "é"]
+FOLDERS, NAMES = ["", "a", "a/b", "b/a"], ["x", "X", "x.", "y", "x-2", "é"]
 clashing = st.tuples(st.sampled_from(FOLDERS), st.sampled_from(NAMES)).map("/none/".join)
 
 
@@ -156,12 +127,10 @@ def test_names_and_slugs_are_unique_short_and_of_no_order(paths, random):
     assert len({photo.slug for photo in found}) == len({p.name for p in found}) == len(paths)
     mixed = {photo.path: photo.slug for photo in listed_photos(random.sample(paths, len(paths)))}
     assert mixed == {photo.path: photo.slug for photo in found}
-    whole = {path: f"/{Path(path).absolute().as_posix()}" for path in paths}
-    for photo in found:  # the name is the shortest end of the path that no other has
-        assert whole[photo.path].endswith(f"/{photo.name}")
-        shorter = photo.name.partition("/")[2]
-        others = [whole[path] for path in paths if path != photo.path]
-        assert not shorter or any(path.endswith(f"/{shorter}") for path in others)
+    names = Counter(Path(path).name for path in paths)
+    for photo in found:  # the name is that of the file, or the path if another has the same
+        own = Path(photo.path).name
+        assert photo.name == (own if names[own] == 1 else Path(photo.path).as_posix())
 
 
 @pytest.mark.posix
@@ -174,9 +143,7 @@ def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch)
     assert [photo.name for photo in listed_photos(paths)] == ["one.png", "other.png"]
 
 
-@pytest.mark.parametrize(
-    ("height", "width", "side"), [(9, 14, 4), (3, 14, 5), (12, 6, 6), (1, 1, 3)]
-)
+@pytest.mark.parametrize(("height", "width", "side"), [(9, 14, 4), (3, 14, 5), (1, 1, 3)])
 def test_crops_are_the_worst_window_and_one_of_the_median_error(height, width, side):
     image, other = np.random.default_rng(0).random((2, height, width, 3))
     down, across = min(side, height), min(side, width)
@@ -235,7 +202,7 @@ in_bytes, in_seconds = partial(chart.tick, unit="bytes"), partial(chart.tick, un
 @pytest.mark.parametrize(
     ("show", "value", "text"),
     [
-        (chart.size, 0, "0 B"), (chart.size, 999.5, "1.00 kB"), (chart.size, 1.5e9, "1 500 MB"),
+        (chart.size, 999.5, "1.00 kB"), (chart.size, 1.5e9, "1 500 MB"),
         (chart.size, None, "\N{EN DASH}"), (chart.seconds, 0.844, "0.84 s"),
         (chart.seconds, 9.995, "10.0 s"), (PSNR.text, 31.416, "31.42 dB"),
         (PSNR.text, None, "equal"), (SSIM.text, 0.6666, "0.667"), (in_bytes, 5e4, "50 kB"),
@@ -247,21 +214,16 @@ def test_numbers_are_shown_so(show, value, text):
     assert " " not in show(value)  # no line break separates the unit
 
 
-def test_a_line_of_a_chart_joins_the_variants_of_one_option():
-    axes = {"init": ["error", "random"], "gaussians": [10, 20, 40]}
-    variants, _ = variants_of(["draft", "fast"], axes=axes)
+def test_a_line_of_a_chart_joins_what_is_ours_by_cost():
+    variants, _ = variants_of(["draft", "fast", "high"], peers=["jpeg"])
     svgs = [
         {
             "variant": variant, "title": "", "row": {"page": ""},
-            "report": {"psnr_svg": 30.0 + at, "total_s": 1.0 + at},
+            "report": {"psnr_svg": 30.0 + at, "total_s": 9.0 - at},
         }
         for at, variant in enumerate(variants)
     ]  # fmt: skip
     drawn = pages.chart_of([{"svgs": svgs}], variants, PSNR, chart.COSTS[1])
     assert drawn is not None
-    lines = {}
-    for point, variant in zip(drawn["points"], variants, strict=True):
-        lines.setdefault(point["group"], []).append(variant.settings)
-    presets, *counts = lines.values()
-    assert [value for ((_, value),) in presets] == ["draft", "fast"]
-    assert [[dict(one)["gaussians"] for one in line] for line in counts] == [[10, 20, 40]] * 2
+    assert [point["group"] for point in drawn["points"]] == [None, 0, 0, 0]
+    assert [point["series"] for point in drawn["points"]] == [3, 2, 1, 0]

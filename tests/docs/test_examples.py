@@ -183,10 +183,7 @@ width="90" height="60"><clipPath id="round"><circle cx="50" cy="30" r="18"/></cl
     "attributes",
     [
         'x="10" y="5" width="72" height="48" transform="rotate(3)" preserveAspectRatio="none"',
-        'x="10" y="5" transform="scale(2)"', 'x="10%" width="80%" height="50%"',
-        'x="10" y="5" width="50" height="50" preserveAspectRatio="xMinYMid slice"',
         'x="10" width="70" height="20" preserveAspectRatio="xMaxYMid"',
-        'width="90" height="60" clip-path="url(#round)" transform="rotate(9)"',
         'width="90" height="60" style="opacity:.4;stroke:#000;fill-opacity:.1"',
     ],
 )  # fmt: skip

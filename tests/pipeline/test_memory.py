@@ -115,36 +115,28 @@ def test_a_share_of_what_is_free_and_its_own_is_allowed(monkeypatch):
     assert memory_limit(2 * 10**9) == 2 * 10**9
 
 
-def group(folder, most, used, idle, version=2):
+def group(folder, most, used, idle):
     """Write the files of a control group."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = ("memory.max", "memory.current", "inactive_file")
-    if version == 1:
-        names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-    (folder / names[0]).write_text(f"{most}\n")
-    (folder / names[1]).write_text(f"{used}\n")
-    (folder / "memory.stat").write_text(f"anon 5\n{names[2]} {idle}\n")
+    (folder / "memory.max").write_text(f"{most}\n")
+    (folder / "memory.current").write_text(f"{used}\n")
+    (folder / "memory.stat").write_text(f"anon 5\ninactive_file {idle}\n")
 
 
-@pytest.mark.parametrize(
-    ("version", "row", "place"),
-    [(2, "0::/a/b\n", ""), (1, "4:cpu:/x\n3:memory,hugetlb:/a/b\n0::/\n", "memory")],
-)
-def test_control_groups_bound_what_is_free(version, row, place, tmp_path):
+def test_control_groups_bound_what_is_free(tmp_path):
     process, groups = tmp_path / "self", tmp_path / "groups"
     process.mkdir()
-    (process / "cgroup").write_text(row)
+    (process / "cgroup").write_text("0::/a/b\n")
     assert free_bytes(process, groups) > 10**6
-    unlimited = "max" if version == 2 else 2**63 - 4096
     for name, most, used, idle, free in (
-        ("a/b", unlimited, 700, 0, None), ("a", 1000, 700, 100, 400), (".", 800, 900, 200, 100),
+        ("a/b", "max", 700, 0, None), ("a", 1000, 700, 100, 400), (".", 800, 900, 200, 100),
         ("a/b", 500, 900, 0, 0),
     ):  # fmt: skip
-        group(groups / place / name, most, used, idle, version)
+        group(groups / name, most, used, idle)
         found = free_bytes(process, groups)
         assert found > 10**6 if free is None else found == free
     # In a container the host's path is not there, and the root is the container's own.
-    (process / "cgroup").write_text(row.replace("/a/b", "/of/the/host"))
+    (process / "cgroup").write_text("0::/of/the/host\n")
     assert free_bytes(process, groups) == 100
 
 

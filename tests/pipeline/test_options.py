@@ -10,8 +10,7 @@ import pytest
 
 import gauss2svg
 from gauss2svg.batch import BatchOptions
-from gauss2svg.compare.pages import GalleryOptions, build_gallery
-from gauss2svg.compare.table import run_bench
+from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal, Options, SvgOptions
@@ -136,9 +135,3 @@ def test_keywords_are_refused_with_the_class_to_which_they_belong():
         many(["photo.png"], "out", {})
     with pytest.raises(InputError, match=r"got 'hgih'\. Try high"):
         many(["photo.png"], "out", quality="hgih")
-    bench: Any = run_bench
-    with pytest.raises(TypeError, match=r"got 'seed'. Try options=BenchOptions\(seed=...\)"):
-        bench(["photo.png"], "out", seed=1)
-    gallery: Any = build_gallery
-    with pytest.raises(TypeError, match=r"""got 'quality'. Try axes={"quality": \[...\]}"""):
-        gallery(["photo.png"], "out", quality="draft")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from gauss2svg.batch.stores import MARKS, PARTS, STATE
+from gauss2svg.batch.stores import STATE
+from gauss2svg.batch.worker import MARKS
 from gauss2svg.pipeline.options import Options
 
 # The least work that still gives a file of its own for each photo.
@@ -64,7 +64,7 @@ def outputs(folder: Path) -> dict[str, bytes]:
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in folder.rglob("*")
-        if path.is_file() and STATE not in path.parts
+        if path.is_file() and STATE not in path.parts and path.name[0] != "."  # unfinished
     }
 
 
@@ -72,8 +72,3 @@ def marks(folder: Path) -> dict[str, dict]:
     """What the marks of an output folder say, by their outputs."""
     found = [json.loads(path.read_bytes()) for path in (folder / MARKS).rglob("*.json")]
     return {one["output"]: one for one in found}
-
-
-def left_parts(folder: Path) -> list[str]:
-    """Unfinished files."""
-    return os.listdir(folder / PARTS)

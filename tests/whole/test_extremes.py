@@ -17,9 +17,7 @@ from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.scene import (
-    LEAST_CANVAS,
     LEAST_SIGMA,
-    MOST_CANVAS,
     MOST_MEAN,
     MOST_SIGNED,
     RHO_LIMIT,
@@ -105,15 +103,6 @@ def test_beyond_the_domain_tensors_are_refused_by_both_renderers(draw, name):
         beta = arrays.pop("beta")
         with pytest.raises(InputError, match=rf"^{name}\[.* finite and in .* clamp"):
             draw(*arrays.values(), 18, 20, beta)
-
-
-@pytest.mark.parametrize("side", ["width", "height"])
-def test_canvases_have_ends_too(side):
-    for value in (LEAST_CANVAS, MOST_CANVAS):
-        assert np.isfinite(render(random_scene(3).replace(**{side: value}), 5, 4)).all()
-    for value in (0.99 * LEAST_CANVAS, 1.01 * MOST_CANVAS, math.inf):
-        with pytest.raises(SceneError, match=f"{side} must be .* scale"):
-            random_scene(3).replace(**{side: value})
 
 
 @pytest.mark.parametrize("blend", ["over", "add"])

@@ -22,7 +22,6 @@ from pictures import chunk, encoded
 from PIL import Image, ImageCms
 from scenes import random_scene, random_sum
 
-from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import Gauss2SvgError, InputError, RendererError
 from gauss2svg.measure import CheckOptions
 from gauss2svg.measure.check import sized_svg
@@ -42,12 +41,10 @@ PIXELS = np.random.default_rng(0).integers(0, 256, (16, 16, 3), np.uint8)
 EXAMPLES = settings().max_examples
 MANY = settings(max_examples=25 * EXAMPLES, suppress_health_check=list(HealthCheck))
 FORMATS = [
-    ("JPEG", "RGB", {"dpi": (96, 96)}), ("JPEG", "CMYK", {}), ("JPEG", "L", {"progressive": True}),
-    ("PNG", "RGBA", {}), ("ICO", "P", {}), ("PNG", "P", {"transparency": 3, "bits": 4}),
-    ("WEBP", "RGBA", {}), ("TIFF", "RGB", {"compression": "tiff_lzw"}),
-    ("TIFF", "P", {"compression": "packbits"}), ("TIFF", "RGB", {"compression": "jpeg"}),
-    ("TIFF", "1", {"compression": "group4"}), ("GIF", "P", {"transparency": 2}), ("BMP", "P", {}),
-    ("JPEG2000", "RGB", {}), ("AVIF", "RGBA", {}),
+    ("JPEG", "RGB", {"dpi": (96, 96)}), ("JPEG", "L", {"progressive": True}), ("PNG", "RGBA", {}),
+    ("PNG", "P", {"transparency": 3, "bits": 4}), ("WEBP", "RGBA", {}), ("AVIF", "RGBA", {}),
+    ("TIFF", "RGB", {"compression": "tiff_lzw"}), ("TIFF", "1", {"compression": "group4"}),
+    ("GIF", "P", {"transparency": 2}), ("BMP", "P", {}),
 ]  # fmt: skip
 
 
@@ -150,14 +147,6 @@ def outcome(read, data: bytes) -> str:
 
 
 @pytest.mark.sweep
-def test_whole_pictures_and_svgs_are_read_or_refused_by_what_they_use():
-    assert {outcome(read_photo, data) for data in photos()} == {"accepted"}
-    said = [outcome(check_svg, data) for data in svgs()]
-    assert all(line == "accepted" or "what the SVG uses" in line for line in said)
-    assert said.count("accepted") > 5
-
-
-@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("read", "files"),
     [(read_photo, photos), (check_svg, svgs), (read_svg, svgs)],
@@ -214,7 +203,7 @@ def test_any_combination_of_options_gives_a_result_or_one_refusal_and_writes_no_
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("group", [*GROUPS.values(), CheckOptions, GalleryOptions])
+@pytest.mark.parametrize("group", [*GROUPS.values(), CheckOptions])
 def test_any_value_of_an_option_is_taken_or_refused_on_one_line(group):
     refusals = []
     for field in fields_of(group):

@@ -27,22 +27,10 @@ def test_reports_of_all_commands_are_of_the_schema(two, tmp_path, check, capsys,
     monkeypatch.setattr("gauss2svg.compare.table.Pool", PoolHere)
     monkeypatch.chdir(tmp_path)
     first = str(two[0])
-    more = [
-        "--scores",
-        "--target-psnr",
-        "20",
-        "--inks",
-        "#000,#fff",
-        "--size",
-        "30mm",
-        "--alt",
-        "A",
-    ]
-    for words in ([], more, ["--blend", "add"], ["--max-bytes", "900"], ["--animate", "2"]):
-        assert (
-            main([first, "-o", "o.svg", "--overwrite", "--quiet", "--report", "r.json", *words])
-            == 0
-        )
+    more = "--scores --target-psnr 20 --inks #000,#fff --size 30mm --alt A"
+    make = [first, "-o", "o.svg", "--overwrite", "--quiet", "--report", "r.json"]
+    for words in ("", more, "--blend add", "--max-bytes 900", "--animate 2"):
+        assert main([*make, *words.split()]) == 0
         check(report := json.loads(Path("r.json").read_text()))
         assert not [key for key in report if not is_declared(key)]
     assert main(["check", first, "o.svg", "--reference", "o.svg", "--report", "c.json"]) == 0
@@ -52,16 +40,12 @@ def test_reports_of_all_commands_are_of_the_schema(two, tmp_path, check, capsys,
     check(json.loads(Path("c.json").read_text()))
     Path("bad.png").write_bytes(b"none")
     capsys.readouterr()
-    assert main(["batch", *map(str, two), "bad.png", "-o", "out", "--log", "json", "--quiet"]) == 1
+    both = [str(path) for path in two]
+    assert main(["batch", *both, "bad.png", "-o", "out", "--log", "json", "--quiet"]) == 1
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     with hastily():
-        assert (
-            main(["gallery", *map(str, two), "-o", "site", "--counts", "9", "--peers", "jpeg"]) == 0
-        )
-    assert (
-        main(["bench", *map(str, two), "-o", "bench", "--axis", "gaussians=9", "--peers", "b=out"])
-        == 0
-    )
+        assert main(["gallery", *both, "-o", "site", "--counts", "9", "--peers", "jpeg"]) == 0
+    assert main(["bench", *both, "-o", "bench", "--axis", "gaussians=9", "--peers", "b=out"]) == 0
     for name in ("site/gallery.json", "bench/bench.json"):
         lines += json.loads(Path(name).read_text())["rows"]
     lines += [json.loads(path.read_text()) for path in Path("site").rglob("report.json")]

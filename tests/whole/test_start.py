@@ -36,10 +36,9 @@ COMMAND = "import sys; from gauss2svg.cli.main import main; main(sys.argv[2:])"
         ("from gauss2svg.cli.main import main; main([])", "numpy scipy PIL torch"),
         ("import gauss2svg as g; g.vectorize; g.vectorize_many", "dask distributed fsspec"),
         ("import gauss2svg.studio, gauss2svg.cli.main as m; m.main(['studio', '-h'])", "fastapi"),
-        ("import gauss2svg.compare.run", "jinja2 gauss2svg.compare.pages"),
         ("import gauss2svg.compare.records", "numpy PIL gauss2svg.pipeline"),
     ],
-    ids=["help", "names of the package", "studio", "worker of a gallery", "process of a peer"],
+    ids=["help", "names of the package", "studio", "process of a peer"],
 )
 def test_what_is_of_another_part_is_not_loaded(code, names):
     assert loaded_by(code, names.split()) == []
