@@ -160,40 +160,25 @@ def check_view(scene: Scene, precision: float = 1.0) -> None:
         )
 
 
-def writable(
-    scene: Scene, radius: ArrayLike, precision: float, unit: ArrayLike = 1
-) -> NDArray[np.bool_]:
-    """Return for each shape (n,) whether it can be written to a file.
+def check_shapes(scene: Scene, radius: Floats, precision: float) -> None:
+    """Raise SceneError if a shape is too large or too far away for a file.
 
-    A shape can be written if its numbers do not exceed LARGEST_NUMBER, and if its edge is not
-    farther than FARTHEST from the origin. Callers leave out the shapes that cannot be written.
-    Raise SceneError if one of these may be visible on the canvas.
-
-    radius     radius, in sigmas, of the disc that is drawn
+    radius     (n,) radius, in sigmas, of the disc that is drawn
     precision  user unit of the file in px
-    unit       radius of the circle to which the shape's matrix applies, in user units
     """
-    extent = np.asarray(radius)[..., None] * scene.sigma
-    offset = np.abs(scene.mean)
-    number = np.maximum(offset, extent / np.asarray(unit)[..., None]).max(axis=1) / precision
-    farthest = (offset + extent).max(axis=1)
-    canvas = np.array([scene.width, scene.height])
-    beyond = np.maximum(-scene.mean, scene.mean - canvas)
-    # A blurred disc reaches up to 2.5 radii beyond its edge, and other shapes reach less far. So no
-    # shape reaches farther than 4 radii from its mean. Antialiasing adds one px.
-    off = (beyond > 4.0 * extent + 1.0).any(axis=1)
-    fits = (number <= LARGEST_NUMBER) & (farthest <= FARTHEST)
-    lost = ~fits & ~off
-    if lost.any():
-        i = int(lost.argmax())
+    farthest = (np.abs(scene.mean) + radius[:, None] * scene.sigma).max(axis=1)
+    if len(scene):
+        _check_reach(f"Gaussian {farthest.argmax()}", farthest.max(), precision)
+
+
+def _check_reach(name: str, farthest: float, unit: float) -> None:
+    most = min(LARGEST_NUMBER * unit, FARTHEST)
+    if farthest > most:
         raise SceneError(
-            f"Gaussian {i} must reach at most {FARTHEST:g} px, with numbers up to "
-            f"{LARGEST_NUMBER:g}; got {farthest[i]:.3g} px and {number[i]:.3g} at a precision of "
-            f"{precision:g} px, for mean {scene.mean[i].tolist()} and sigma "
-            f"{scene.sigma[i].tolist()} px. Try to clip its sigma, to scale the scene down, to "
-            "drop the Gaussian, or a coarser precision"
+            f"{name} must reach at most {most:g} px at a precision of {unit:g} px; got "
+            f"{farthest:g} px. Try to scale the scene down, to drop what lies so far off, or a "
+            "coarser precision"
         )
-    return fits
 
 
 def path_data(outline: Outline, unit: float, current: tuple[int, int] | None = None) -> str:
@@ -270,7 +255,12 @@ def in_units(
     """
     written, kept = list[Area](), list[int]()
     for k, one in enumerate(areas):
-        _check_numbers(one, unit)
+        places = [point for outline in one.outlines for point in outline.points]
+        if isinstance(one.paint, LinearGradient):
+            places += [one.paint.start, one.paint.end]
+        elif isinstance(one.paint, RadialGradient):
+            places += [one.paint.center, one.paint.radii]
+        _check_reach("an area", max(one.width, np.abs(places).max()), unit)
         area = one.scaled(1 / unit, 1 / unit)
         whole = [
             dataclasses.replace(o, points=tuple((round(x), round(y)) for x, y in o.points))
@@ -305,22 +295,6 @@ def _whole_paint(paint: Paint) -> Paint:
     if (start == end).all():  # renderers draw such a gradient in its last colour
         return tuple(colors[-1])
     return dataclasses.replace(paint, start=start, end=end, **changes)
-
-
-def _check_numbers(area: Area, unit: float) -> None:
-    """Raise SceneError if a number of an area in px is too large for a file."""
-    places = [point for one in area.outlines for point in one.points]
-    if isinstance(area.paint, LinearGradient):
-        places += [area.paint.start, area.paint.end]
-    elif isinstance(area.paint, RadialGradient):
-        places += [area.paint.center, area.paint.radii]
-    farthest, most = max(area.width, np.abs(places).max()), min(LARGEST_NUMBER * unit, FARTHEST)
-    if farthest > most:
-        raise SceneError(
-            f"numbers of an area must be at most {most:g} px at a precision of {unit:g} px; got "
-            f"{farthest:g} px. Try to scale the scene down, to drop the area, or a coarser "
-            "precision"
-        )
 
 
 class AreaElements(NamedTuple):

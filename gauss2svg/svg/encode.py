@@ -54,7 +54,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg import portable
 from gauss2svg.options import Field
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import AreaCounts
@@ -73,6 +72,7 @@ from gauss2svg.svg.element import (
     Floats,
     area_elements,
     boxes_of,
+    check_shapes,
     check_view,
     clipped,
     hex_color,
@@ -80,25 +80,14 @@ from gauss2svg.svg.element import (
     number,
     short_id,
     unless,
-    writable,
 )
 from gauss2svg.svg.forms import BLURS, CLEAR, as_written, gradient_stops, nearest_blurs
 
 Round = tuple[int, list[Element]]  # the index of a round, and the elements of its shapes
 
-# Shapes with crisp rims are written with other circles and gradients than soft ones. The next four
-# numbers set when and how (docs/decisions/svg.md).
-LARGE_FROM = 16.0  # smallest exponent at which a gradient has the radius 100
-# If a rim is at least this wide, in px, the antialiased edge of the circle hardly clips it. Then
-# the circle ends where its gradient ends.
-SOFT_RIM = 1.0
-# If a rim is narrower than SOFT_RIM, the circle must be larger than its gradient. Otherwise the
-# antialiased edge of the circle would clip the rim. The distance from the end of the gradient to
-# the edge of the circle is at least this, in px.
-CLEAR_OF_THE_RIM = 0.7
-# The largest distance from the gradient's end to the edge of the circle, as a multiple of the
-# gradient's radius. Shapes that need a larger distance are too thin to be visible.
-MOST_MARGIN = 20.0
+LARGE_FROM = (
+    16.0  # smallest exponent at which a gradient has the radius 100 (docs/decisions/svg.md)
+)
 
 
 class Drawing(NamedTuple):
@@ -127,10 +116,8 @@ class Drawing(NamedTuple):
 def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     """Return the drawing of a scene. Equal arguments always give the same drawing.
 
-    A Gaussian is left out if its opacity or its extent is written as 0. It is also left out if it
-    is off the canvas and its numbers are too large for a file (gauss2svg.svg.element.writable).
-    Raise SceneError if a visible Gaussian has such numbers, or if the canvas is too small or too
-    large.
+    A Gaussian is left out if its opacity or its extent is written as 0. Raise SceneError if a
+    Gaussian or the canvas is too large for a file, or if the canvas is too small.
     """
     scene = as_written(scene, svg_format.form)
     precision, decimals = svg_format.precision, svg_format.opacity_decimals
@@ -199,15 +186,16 @@ def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Dr
 def _outlines(scene: Scene) -> list[tuple[int, Element]]:
     """Return for each shape its index and an <ellipse> whose stroke has the colour of the shape.
 
-    A shape is left out if its extent or opacity would be written as 0. It is also left out if it is
-    off the canvas and its numbers are too large (gauss2svg.svg.element.writable).
+    A shape is left out if its extent or opacity would be written as 0. Raise SceneError if a shape
+    is too large for a file.
     """
     radius = half_radius(scene.beta)
     axes, angle_rad = scene.ellipse_axes
     radii, angles = axes * radius[:, None], np.degrees(angle_rad)
+    check_shapes(scene, radius, 1.0)
     drawn = []
     # A shape is left out if its opacity is under 0.005, because two decimals round this to 0.
-    for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
+    for i in np.flatnonzero(scene.opacity >= 0.005).tolist():
         rx, ry, x, y, angle = (number(v, 2) for v in (*radii[i], *scene.mean[i], angles[i]))
         if "0" in (rx, ry):
             continue
@@ -315,22 +303,21 @@ def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike 
 
     radius     (n,) radius, in sigmas, of the ellipse that is drawn
     precision  user unit in px
-    unit       (n,) radius of the circle, which is a power of ten
+    unit       (n,) radius of the circle, 1 or 100
 
-    A shape is left out if its extent is written as 0, or if it is off the canvas and its numbers
-    are too large. Raise SceneError if a visible shape has such numbers
-    (gauss2svg.svg.element.writable), or if the canvas is too small or too large.
+    A shape is left out if its extent is written as 0. Raise SceneError if a shape or the canvas is
+    too large, or if the canvas is too small.
     """
     check_view(scene, precision)
+    check_shapes(scene, radius, precision)
     unit = np.broadcast_to(unit, len(scene))
     factor, mean = scene.factor * radius[:, None, None], scene.mean / precision
     factor = factor.transpose(0, 2, 1).reshape(-1, 4) / (unit * precision)[:, None]
-    decimals = np.round(portable.log10(unit)).astype(int).tolist()
-    texts = [""] * len(scene)
-    for i in np.flatnonzero(writable(scene, radius, precision, unit)).tolist():
-        a, b, c, d = (number(v, decimals[i]) for v in factor[i])
-        if float(a) * float(d) != float(b) * float(c):
-            texts[i] = f"matrix({a} {b} {c} {d} {number(mean[i, 0], 0)} {number(mean[i, 1], 0)})"
+    texts = []
+    for row, (x, y), radius_in_units in zip(factor, mean, unit.tolist(), strict=True):
+        a, b, c, d = (number(v, 2 if radius_in_units == 100 else 0) for v in row)
+        has_extent = float(a) * float(d) != float(b) * float(c)
+        texts.append(f"matrix({a} {b} {c} {d} {number(x, 0)} {number(y, 0)})" * has_extent)
     return texts
 
 
@@ -380,7 +367,9 @@ def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> Floats:
     decimal.
     """
     minor = scene.ellipse_axes[0][:, 1]
-    crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < SOFT_RIM * scene.beta)
-    end = minor * cut_radius(scene.beta)
-    margin = np.where(crisp, CLEAR_OF_THE_RIM / end, 0.0)
-    return 1 + np.minimum(np.ceil(10 * margin) / 10, MOST_MARGIN)
+    # If a rim is at least 1 px wide, the antialiased edge of the circle hardly clips it. Otherwise
+    # the edge must be at least 0.7 px from the end of the gradient (docs/decisions/svg.md). Shapes
+    # that need a circle of over 20 radii are too thin to be visible.
+    crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < scene.beta)
+    margin = np.where(crisp, 0.7 / (minor * cut_radius(scene.beta)), 0.0)
+    return 1 + np.minimum(np.ceil(10 * margin) / 10, 20.0)

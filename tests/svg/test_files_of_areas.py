@@ -344,7 +344,7 @@ def test_scenes_that_a_file_cannot_have_are_refused():
     far = Area([closed((0, 0), (1e8, 0), (0, 9))], RED)
     wide = Area([BOX], LinearGradient((0, 1), (RED, RED), (0, 0), (1e8, 0)))
     for area in (far, wide):
-        with pytest.raises(SceneError, match=r"of an area must be at most 4e\+06 px .* got 1e\+08"):
+        with pytest.raises(SceneError, match=r"an area must reach at most 4e\+06 px .* got 1e\+08"):
             write_svg(Scene(40, 30, areas=[area]))
     clear = dataclasses.replace(TRIANGLE, opacity=0.5)
     shaded = dataclasses.replace(TRIANGLE, paint=LinearGradient((0, 1), (RED, RED)))
