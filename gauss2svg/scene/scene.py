@@ -331,7 +331,8 @@ class Scene:
             )
         sigma = np.sqrt(np.stack([c11, c22], axis=1))
         rho = np.clip(0.5 * (c12 + c21) / sigma.prod(axis=1), -RHO_LIMIT, RHO_LIMIT)
-        opacity = np.broadcast_to(opacity, len(matrices)) if np.ndim(opacity) == 0 else opacity
+        if np.ndim(opacity) == 0:
+            opacity = np.broadcast_to(opacity, len(matrices))
         return cls(width, height, mean, sigma, rho, color, opacity, **others)  # pyright: ignore[reportArgumentType] (the constructor converts)
 
     def __reduce__(self) -> tuple[Any, ...]:

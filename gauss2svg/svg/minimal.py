@@ -54,7 +54,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from itertools import groupby
 from typing import NamedTuple
 from xml.sax.saxutils import escape
@@ -71,7 +70,6 @@ from gauss2svg.svg.element import (
     Element,
     Floats,
     area_elements,
-    attributes_text,
     boxes_of,
     check_shapes,
     check_view,
@@ -168,12 +166,7 @@ def minimal_svg(
     # The number of areas below each element. It is larger by 0.5 for an area.
     below = [(level[i], one) for i, one in shapes]
     below += [(k + 0.5, path) for k, path in zip(areas.starts, areas.paths, strict=True)]
-    below.sort(key=lambda one: one[0])
-    inside = list[Element]()
-    for is_area, run in groupby(below, key=lambda one: one[0] % 1 > 0):
-        # Names of attributes by which elements are put into groups, and then into groups in these.
-        names = [("fill", "stroke-linecap", "stroke-linejoin"), ("stroke", "stroke-width")]
-        inside += _grouped([one for _, one in run], *(names if is_area else [("fill",)]))
+    inside = [one for _, one in sorted(below, key=lambda one: one[0])]
     defs = [Element("defs", definitions)] if definitions else []
     root = {"xmlns": "http://www.w3.org/2000/svg", **_size_and_aspect(document, scene, unit)}
     root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
@@ -349,30 +342,6 @@ def _circle(kind: int) -> str:
     # A circle of radius 1 ends where its gradient ends. If the rim is crisp, the antialiased edge
     # of such a circle would clip it, so the circle is made larger (gauss2svg.svg.encode).
     return "1.1" if BETA_CLASSES[kind] >= 6 else "1"
-
-
-def _grouped(
-    elements: Sequence[Element], names: Sequence[str], *inner: Sequence[str]
-) -> list[Element]:
-    """Return the elements, with each run of elements whose attributes `names` are equal in a group.
-
-    A run is left without a group if the group would not make the file shorter.
-
-    inner  names of attributes by which the elements of each run are then put into groups
-    """
-    grouped = []
-    for _, run in groupby(elements, key=lambda one: [one.attributes.get(name) for name in names]):
-        inside = list(run)
-        shared = {name: inside[0].attributes.get(name) for name in names}
-        group = Element("g", **shared)
-        saved = len(attributes_text(group.attributes)) * (len(inside) - 1)
-        is_shorter = saved > len("<g></g>")
-        if is_shorter:
-            inside = [one.replace(**dict.fromkeys(names)) for one in inside]
-        if inner:
-            inside = _grouped(inside, *inner)
-        grouped += [Element("g", inside, **shared)] if is_shorter else inside
-    return grouped
 
 
 def rounded(

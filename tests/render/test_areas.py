@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pytest
 from both_renderers import OFF, TORCH, drawn, in_both, tensors_of
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scenes import random_scene, with_levels
@@ -113,6 +113,7 @@ def _half(polygon: NDArray[np.float64], axis: int, bound: float, side: int) -> N
     return vertices[np.stack([crosses, depth >= 0], axis=1)]
 
 
+@settings(max_examples=10)
 @given(st.lists(outlines(), min_size=1, max_size=2))
 def test_kernels_cover_what_the_polygons_cover(paths):
     polygons = [polygon_of(path, counts_of(path)) for path in paths]
@@ -120,21 +121,7 @@ def test_kernels_cover_what_the_polygons_cover(paths):
     np.testing.assert_allclose(coverage_of(Area(tuple(paths), BLACK), *BOX), exact, atol=1e-9)
 
 
-@given(st.integers(0, 2**32 - 1), st.booleans())
-def test_an_area_covers_its_area(seed, has_hole):
-    outline = star(seed)
-    x, y = polygon_of(outline, [2000] * len(outline.curved)).T
-    area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-    length = np.hypot(np.diff(x), np.diff(y)).sum()
-    paths = [outline]
-    if has_hole:
-        back = Outline(outline.points[:1] + outline.points[:0:-1], outline.curved)
-        paths.append(moved(back, np.eye(2) / 3, [13, 14]))
-        area *= 8 / 9
-    covered = coverage_of(Area(tuple(paths), BLACK), 0, 0, 40, 40)
-    assert covered.sum() == pytest.approx(area, abs=1.4 * length * SAGITTA)
-
-
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(CAPS), st.sampled_from([0, 0.4, 5.0]))
 def test_turned_and_mirrored_outlines_cover_turned_and_mirrored_pixels(seed, cap, width):
     outline = star(seed)
@@ -156,19 +143,18 @@ PICTURES = {
     "hole": Area((Outline(LOOP, (True, False, False, False)), Outline(HOLE, (False,) * 4)), BLACK),
     "inside out": Area((Outline(LOOP[::-1], (False, False, True, False)),), BLACK),
 }
-for _cap in CAPS:
-    _width = {"butt": 5.3, "round": 4.0, "square": 0.7}[_cap]
-    for _name, _outline in {
-        "corners": Outline(SHARP, (False,) * 3, False),
-        "curve": Outline(CURVES, (False, True), False),
-        "closed": Outline(LOOP, (True, False, False, False)),
-        "closed corners": Outline(SHARP, (False,) * 4),
-        "equal points": Outline((SHARP[0], *SHARP[:2], *SHARP[1:]), (False,) * 5, False),
-        "handle on node": Outline(
-            ((9, 9), (9, 9), (50, 8), (50, 50), (20, 50)), (True, False), False
-        ),
-        "dot": Outline(((30.2, 20.4), (30.2, 20.4)), (False,), False),
-    }.items():
+OUTLINES = {
+    "corners": Outline(SHARP, (False,) * 3, False),
+    "curve": Outline(CURVES, (False, True), False),
+    "closed": Outline(LOOP, (True, False, False, False)),
+    "closed corners": Outline(SHARP, (False,) * 4),
+    "equal points": Outline((SHARP[0], *SHARP[:2], *SHARP[1:]), (False,) * 5, False),
+    "handle on node": Outline(((9, 9), (9, 9), (50, 8), (50, 50), (20, 50)), (True, False), False),
+    "dot": Outline(((30.2, 20.4), (30.2, 20.4)), (False,), False),
+}
+for _k, (_name, _outline) in enumerate(OUTLINES.items()):
+    for _cap in CAPS if _name == "corners" else [CAPS[_k % 3]]:
+        _width = {"butt": 5.3, "round": 4.0, "square": 0.7}[_cap]
         PICTURES[f"{_name}, {_cap}"] = Area((_outline,), BLACK, width=_width, cap=_cap)
 
 
@@ -198,8 +184,7 @@ def test_areas_and_lines_cover_what_resvg_covers(name):
     np.testing.assert_allclose(coverage_of(PICTURES[name], 0, 0, 64, 64), exact, atol=0.02)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1e9 / 64, 1e-9])
-@pytest.mark.parametrize("width", [0.0, 1e-6, 3.0, 1e9])
+@pytest.mark.parametrize(("scale", "width"), [(1.0, 1e9), (1e9 / 64, 0.0), (1e-9, 1e-6)])
 def test_extreme_areas_cover_shares(scale, width):
     for area in PICTURES.values():
         if width == 0 and not all(outline.closed for outline in area.outlines):
@@ -230,6 +215,7 @@ def scene_of(seed: int) -> Scene:
 
 
 @in_both
+@settings(max_examples=5)
 @given(st.integers(0, 2**16))
 def test_gaussians_lie_over_the_areas(dtype, seed):
     scene = scene_of(seed)
@@ -254,6 +240,7 @@ def test_gaussians_lie_over_the_areas(dtype, seed):
 
 
 @in_both
+@settings(max_examples=5)
 @given(st.integers(0, 2**16))
 def test_a_gaussian_lies_over_the_areas_of_its_level_and_under_the_others(dtype, seed):
     scene = with_levels(scene_of(seed), seed).replace(drawn=[PLAIN, SOFT, PLAIN, SOFT])
@@ -276,6 +263,7 @@ def torch_ground(scene: Scene, dtype: type = np.float64, backdrop=None) -> torch
 
 
 @in_both
+@settings(max_examples=5)
 @given(st.integers(0, 2**16))
 def test_torch_draws_gaussians_over_the_raster_of_what_is_below(dtype, seed):
     scene = with_levels(scene_of(seed), seed)
@@ -304,16 +292,18 @@ def drawn_by_levels(scene: Scene, tensors: list[torch.Tensor], fast: bool) -> to
     return image
 
 
-@pytest.mark.parametrize("fast", [False, True])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("fast", "seed"), [(False, 0), (True, 1)])
 def test_gradients_of_gaussians_above_and_below_areas_are_finite_differences(seed, fast):
     scene = scene_of(seed).replace(level=[1, 2, ABOVE, ABOVE], sigma=np.full((4, 2), 2.0))
     tensors = tensors_of(scene)
     image = drawn_by_levels(scene, tensors, fast).detach()
     np.testing.assert_allclose(image, render(scene, dtype=np.float64), atol=1e-12)
-    assert torch.autograd.gradcheck(lambda *args: drawn_by_levels(scene, list(args), fast), tensors)
+    assert torch.autograd.gradcheck(
+        lambda *args: drawn_by_levels(scene, list(args), fast), tensors, fast_mode=True
+    )
 
 
+@settings(max_examples=5)
 @given(st.integers(0, 2**16))
 def test_alpha_of_areas_is_that_of_both_backgrounds(seed):
     scene = with_levels(scene_of(seed), seed).replace(transparent=True, drawn=[PLAIN, SOFT] * 2)
@@ -323,6 +313,7 @@ def test_alpha_of_areas_is_that_of_both_backgrounds(seed):
         np.testing.assert_allclose(over(rgba, backdrop), shown, atol=1e-5)
 
 
+@settings(max_examples=5)
 @given(st.integers(0, 2**16), st.sampled_from([(18, 16), (45, 8), (7, 600)]))
 def test_a_scaled_scene_has_scaled_areas(seed, size):
     scene = with_levels(scene_of(seed), seed)
