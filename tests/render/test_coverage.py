@@ -7,11 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from gauss2svg.photo.pixels import over
-from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import render_planar, splats_of, squared_error
 from gauss2svg.render.reference import render_reference
-from gauss2svg.scene import PLAIN, SOFT, Scene
+from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import (
     coverage,
     covered_radius,
@@ -62,16 +60,6 @@ def test_kernel_draws_the_formula(dtype, seed, on_a_pixel):
     # At the very end of a needle single precision may decide otherwise what lies within it.
     wrong = np.abs(np.moveaxis(image, 0, -1) - slow(scene)).max(axis=2) > 30 * OFF[dtype]
     assert wrong.sum() <= (1 if dtype is np.float32 else 0)
-
-
-def test_only_plain_shapes_cover_shares_of_pixels():
-    scene = ellipses(8, 1)
-    mixed = scene.replace(drawn=np.tile([PLAIN, SOFT], 4))
-    assert np.abs(render(mixed) - render(scene)).max() > 0.05
-    np.testing.assert_allclose(render(mixed), slow(mixed), atol=1e-5)
-    clear = scene.replace(transparent=True)
-    over_it = over(render_rgba(clear), tuple(clear.background))
-    np.testing.assert_allclose(over_it, render(clear), atol=1e-5)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

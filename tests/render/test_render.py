@@ -1,7 +1,5 @@
 """Properties of the two renderers, and that they are one."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 from both_renderers import (
@@ -139,14 +137,6 @@ def test_shares_of_tiles_are_all_the_tiles_and_change_no_bit(shares, size, monke
     monkeypatch.setattr("gauss2svg.render.cpu.in_shares", in_turn)
     for one, other in zip(squared_error(splats_of(scene), target), expected, strict=True):
         assert np.array_equal(one, other)
-
-
-def test_python_threads_may_render_at_once():
-    scenes = [random_scene(200, 90, 70, seed) for seed in range(4)]
-    expected = [render(scene) for scene in scenes]
-    with ThreadPoolExecutor(4) as pool:
-        for image, one in zip(pool.map(render, scenes * 3), expected * 3, strict=True):
-            assert (image == one).all()
 
 
 @of_either_blend

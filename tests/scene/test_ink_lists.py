@@ -137,27 +137,6 @@ def test_three_inks_keep_a_small_white_and_a_small_black_part(hue):
     assert rest.min() - 0.002 <= levels.min() <= levels.max() <= rest.max() + 0.002
 
 
-@pytest.mark.parametrize(("count", "seed"), [(3, 1), (4, 2)])
-def test_few_inks_reach_near_both_ends_of_lightness(count, seed):
-    """Few pixels are lighter than the lightest ink or darker than the darkest one.
-
-    The second picture is dark, so its inks are all dark.
-    """
-    grey = np.random.default_rng(seed).normal(0.5, 0.13, (90, 100, 1)).clip(0, 1)
-    for scale in (1, 0.4):
-        pixels = np.repeat(scale * grey, 3, axis=2).astype(np.float32)
-        inks = ink_colors(inks_of(pixels, count))[:, 0]
-        share = [(pixels[..., 0] > inks[0]).mean(), (pixels[..., 0] < inks[-1]).mean()]
-        assert max(share) < 0.12, share
-
-
-def test_every_column_of_a_large_picture_is_looked_at():
-    """Its pixels are sampled; a stride that divides the width would leave columns out."""
-    pixels = np.zeros((1000, 2000, 3), np.float32)
-    pixels[:, 1::8], pixels[:, 2::8] = 1, [1, 0, 0]
-    assert inks_of(pixels, 3) == "#ffffff,#ff0000,#000000"
-
-
 def test_antialiasing_and_paper_are_no_inks_and_an_only_colour_is_one():
     at = np.hypot(*np.mgrid[-100:100, -100:100])
     picture = np.full((200, 200, 3), [0.93, 0.91, 0.86])

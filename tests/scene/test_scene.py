@@ -15,12 +15,10 @@ from scenes import random_areas, random_scene, random_sum, with_levels
 from gauss2svg.errors import Gauss2SvgError, SceneError
 from gauss2svg.scene import Scene, peaks_of
 from gauss2svg.scene.falloff import (
-    BETA_CLASSES,
     LEAST_BETA,
     MOST_BETA,
     cut_radius,
     half_radius,
-    nearest_class,
     profile,
 )
 from gauss2svg.scene.scene import PARAMETERS, STEPPED
@@ -114,17 +112,6 @@ def npz(**fields):
     stored = {name: getattr(TWO, name) for name in FIELDS} | {"areas": "[]"}
     np.savez(stream, **stored | fields)
     return stream.getvalue()
-
-
-def test_parameters_that_a_file_lacks_have_their_defaults():
-    stored = {"width": 9, "height": 7, "mean": [[1, 2]], "sigma": [[1, 1]], "rho": [0.0]}
-    stored |= {"color": [[0.1, 0.2, 0.3]], "opacity": [0.5]}
-    stream = io.BytesIO()
-    np.savez(stream, format_version=1, **stored)
-    stream.seek(0)
-    loaded, constructed = Scene.load(stream), Scene(**stored)
-    for name in FIELDS:
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(constructed, name))
 
 
 @pytest.mark.parametrize(
@@ -238,12 +225,3 @@ def test_profile_falls_from_one_at_the_mean_to_zero_at_the_cut_without_a_step(be
     assert profile(np.array(0.999 * radius), beta) > 0
     values = profile(np.linspace(0, radius + 1, 500001), beta)
     assert -5e-3 < np.diff(values).min() <= np.diff(values).max() <= 0
-
-
-def test_exponents_are_rounded_to_the_nearest_class_as_ratios_go():
-    classes = np.array(BETA_CLASSES)
-    assert (nearest_class(classes) == np.arange(len(classes))).all()
-    beta = np.exp(np.linspace(np.log(LEAST_BETA), np.log(MOST_BETA), 400))
-    distance = np.abs(np.log(beta[:, None] / classes))
-    nearest = distance[np.arange(400), nearest_class(beta)]
-    np.testing.assert_allclose(nearest, distance.min(axis=1))

@@ -114,11 +114,6 @@ def test_a_file_has_a_clip_if_an_area_or_a_stroke_reaches_beyond_the_page(markup
         assert svg.count("<svg") == 1 + clips
 
 
-def test_a_background_that_is_larger_than_the_page_is_clipped():
-    assert minimal_svg(Scene(40, 30), 1).count("<svg") == 1
-    assert minimal_svg(Scene(40, 30), 7).count("<svg") == 2
-
-
 @pytest.mark.browser
 @pytest.mark.parametrize("kind", [*CLIPPED, "additive"])
 def test_beside_a_picture_a_browser_shows_the_page_alone(kind, browser):

@@ -153,18 +153,6 @@ def test_plates_that_overprint_multiply_to_the_picture_on_its_paper(photo):
     assert len(result.scene.inks) > 3
 
 
-def test_light_parts_are_paper_and_far_inks_are_named():
-    levels = np.full((40, 60, 3), 0.97, np.float32)
-    levels[10:30, 10:50] = [0.1, 0.6, 0.2]
-    result = vectorize(levels, inks="#0078bf,#ff48b0", gaussians=20, iterations=20)
-    assert result.report["paper"] == "#ffffff"
-    np.testing.assert_array_equal(result.scene.background, 1)
-    assert list(result.plates()) == ["#0078bf"]
-    assert any("far from" in note and "#1a9933" in note for note in result.report["notes"])
-    close = vectorize(levels, inks="#1a9933", gaussians=20, iterations=20).report
-    assert not any("far from" in note for note in close["notes"])
-
-
 def test_marks_are_at_the_same_places_around_all_plates_and_move_no_ink():
     scene = scene_in_inks()
     document = Document(size="90mm", title="A & B")
@@ -333,10 +321,3 @@ def test_plates_of_overprints_have_a_region_for_each_strength():
         raster = rasterize(plate_svg(scene, tones), 540, 420).astype(float)
         cut = rasterize(write_svg(plate.replace(transparent=False)), 540, 420)
         assert np.abs(raster - cut).mean() < 0.002
-
-
-def test_outlines_for_cutters_are_one_path_for_each_ink_from_light_to_dark():
-    scene = drawing_in_inks(0)
-    cut = Regions(scene, MM).outlines(INKS.split(","))
-    np.testing.assert_allclose([area.paint for area in cut.areas], ink_colors(INKS))
-    assert sum(path.tag.endswith("path") for path in parse(write_svg(cut)).iter()) == 3
