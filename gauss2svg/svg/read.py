@@ -103,8 +103,8 @@ def read_svg(
 
     The covariance of a shape is (M / R)(M / R)^T. M is the linear part of all transforms down to
     the unit circle of its gradient, and R = cut_radius(beta). The exponent of a shape is the one of
-    BETA_CLASSES to which the stops of its gradient belong. A plain ellipse gets the exponent of the
-    profile that it draws best (forms.plain_beta). Numbers are as exact as in the file.
+    BETA_CLASSES to which the stops of its gradient belong. A plain ellipse gets the largest of
+    them. Numbers are as exact as in the file.
 
     The round of a shape comes from the label or the id of its group ("Round 3: ..", "round-3"). It
     is at least the round of the shapes below it. If a group at the top level has no such label or
