@@ -151,10 +151,13 @@ class Parameter:
 
 
 _COLOR_ADVICE = "to clip it, or to divide by 255 what is in 8 bits"
-_SIDE_ADVICE = "to scale the scene"
 CANVAS = (
-    Parameter("width", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
-    Parameter("height", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
+    *(
+        Parameter(
+            side, 1, LEAST_CANVAS, MOST_CANVAS, advice="to scale the scene", scaled=True, once=True
+        )
+        for side in ("width", "height")
+    ),
     Parameter("background", 3, 0.0, 1.0, default=1.0, advice=_COLOR_ADVICE, once=True),
 )
 # Parameters of each shape. Learning rates come from the ablations of docs/decisions/fit.md. A fit
