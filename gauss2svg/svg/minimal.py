@@ -86,9 +86,8 @@ from gauss2svg.svg.forms import Ints, gradient_stops, grey_stops, is_plain, with
 HEX_DIGITS = (3, 6)  # a colour may have either of these numbers of hex digits
 OPACITY_DIGITS = 2  # default number of decimals of an opacity
 # Numbers of stops of a mask. The larger one is worth its bytes in a picture that is close: one with
-# areas, or with at least MANY soft shapes (docs/decisions/minimal.md).
+# areas, or with at least 60 soft shapes under masks (docs/decisions/minimal.md).
 MASK_STOPS = (3, 5)
-MANY = 60
 # If a file has at most this many soft shapes, all of these are drawn under masks. If it has more,
 # some of them get gradients instead, because masks are slow. For each soft shape beyond
 # MOST_MASKED, FADING fewer are drawn under masks. If all soft shapes got gradients at once, a
@@ -243,7 +242,7 @@ def _drawing(
     split = max(len(soft) - {True: len(soft), False: 0, None: most}[masked], 0)
     by_gradient, by_mask = soft[:split].tolist(), soft[split:].tolist()
     has_gradient = set(by_gradient)
-    is_close = len(by_mask) >= MANY or bool(scene.areas)
+    is_close = len(by_mask) >= 60 or bool(scene.areas)
     definitions, uses = _masked([kinds[i] for i in by_mask], used, MASK_STOPS[is_close])
     soft_elements = {i: uses[kinds[i]] for i in by_mask}
     if by_gradient:
