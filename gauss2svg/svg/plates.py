@@ -88,7 +88,7 @@ def plate_of(scene: Scene, tones: Mapping[str, float]) -> Scene:
     # shape that is not marked is needed only if it covers a part of a marked shape.
     shows = (greys != ground) | bool(areas)
     ellipses, needed, index = projections(*_drawn(scene)), shows.copy(), np.arange(len(scene))
-    for i in np.flatnonzero(shows):
+    for i in np.flatnonzero(shows).tolist():
         needed[overlapping(ellipses, i, index[(index > i) & ~needed], _MARGIN)] = True
     plate = scene.replace(
         color=np.repeat(greys[:, None], 3, axis=1),
