@@ -48,9 +48,9 @@ from gauss2svg.pipeline.run import Run
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import color_weights
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
+from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.forms import plain_beta, with_falloffs
+from gauss2svg.svg.forms import with_falloffs
 from gauss2svg.svg.minimal import HEX_DIGITS, as_written, minimal_svg, whole_unit
 
 # Exponents that soft shapes may have. All other shapes are plain ellipses.
@@ -290,9 +290,7 @@ def with_few_exponents(scene: Scene, exponents: Exponents) -> Scene:
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     nearest = np.abs(portable.log(scene.beta)[:, None] - portable.log(classes)).argmin(axis=1)
     plain = nearest == len(exponents)
-    beta, semi_axes = classes[nearest], scene.ellipse_axes[0] * covered_radius(scene.beta)[:, None]
-    beta[plain] = plain_beta(semi_axes[plain])
-    return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, SOFT))
+    return with_falloffs(scene, classes[nearest]).replace(drawn=np.where(plain, PLAIN, SOFT))
 
 
 def unit_of(grid: float, count: int, canvas: Size) -> float:

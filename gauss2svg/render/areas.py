@@ -12,10 +12,6 @@ from gauss2svg.render.cpu import Real, render_planar, splats_of
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import CAPS, Area
 
-MITER_LIMIT = 4.0  # largest ratio of a mitre to the width of its line (the default of SVG)
-_ROWS = 64  # number of rows that are drawn at once, which limits the memory of a large image
-
-
 _add_path = Kernel("add_path", "int int float float float64 int float64 bool int float int")
 
 
@@ -84,13 +80,12 @@ def draw_areas(
     size = [image.shape[1], image.shape[0]]
     for area in areas:
         points = np.concatenate([outline.points for outline in area.outlines])
-        # Corners and square caps reach further than half of the width.
-        low, high = points.min(axis=0), points.max(axis=0)
-        reach = 0.5 * area.width * MITER_LIMIT
+        # Mitres reach up to two widths beyond an outline, because 4 is SVG's default limit.
+        low, high, reach = points.min(axis=0), points.max(axis=0), 2.0 * area.width
         left, top = np.floor(np.clip((low - reach) * scale, 0, size)).astype(int).tolist()
         right, bottom = np.ceil(np.clip((high + reach) * scale, 0, size)).astype(int).tolist()
-        for y in range(top, bottom, _ROWS):
-            height, width = min(_ROWS, bottom - y), right - left
+        for y in range(top, bottom, 64):  # a few rows at once take less memory
+            height, width = min(64, bottom - y), right - left
             if isinstance(area.paint, tuple):
                 color = np.array([[area.paint]])
             else:

@@ -12,17 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import refusal
-from gauss2svg.render import side_of
+from gauss2svg.errors import quoted, refusal
 from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar, splats_from
 from gauss2svg.render.reference import shapes_of, torch
 from gauss2svg.scene import whitening_of
-
-# Least opacity in the backward pass, by dtype. The kernels return the product of the opacity and
-# its gradient. At opacity 0 this product is 0 and says nothing about the gradient, so smaller
-# opacities are raised. Ten thousand shapes of this opacity change no pixel of an image of this
-# dtype.
-_LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
 
 
 def torch_loss(
@@ -40,11 +33,8 @@ def torch_loss(
         image = torch.from_numpy(render).requires_grad_()
         value = function(image, torch.from_numpy(target))
         if not isinstance(value, torch.Tensor) or value.numel() != 1 or not value.requires_grad:
-            shape = tuple(getattr(value, "shape", ()))
-            got = f"a tensor of shape {shape}" if shape else f"a {type(value).__name__}"
-            got += " without a gradient" * (not getattr(value, "requires_grad", False))
             needed, advice = "a scalar that depends on the render", ".mean(), without .detach()"
-            raise refusal("loss", needed, got, advice)
+            raise refusal("loss", needed, quoted(value), advice)
         return value.item(), torch.autograd.grad(value, image)[0]
 
     loss.__name__ = getattr(function, "__name__", "loss")
@@ -67,7 +57,10 @@ class _FastRender(torch.autograd.Function):
     ) -> tuple[Any, ...]:
         mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
         real = _precision(ctx.saved_tensors)
-        raised_opacity = opacity.double().clamp(min=_LEAST_OPACITY[real])
+        # The kernels return the product of the opacity and its gradient. At opacity 0 it says
+        # nothing about the gradient, so smaller opacities are raised. Ten thousand shapes of the
+        # raised opacity change no pixel of an image of this dtype.
+        raised_opacity = opacity.double().clamp(min=1e-12 if real is np.float32 else 1e-20)
         # If beta is exactly 1, the kernels do not compute the gradient of the exponent. So use the
         # next number above 1.
         shifted_beta = beta.double()
@@ -164,9 +157,8 @@ def fast_composite(
     with beta < 1 stays finite at the mean. Raise InputError for values outside the domain
     (gauss2svg.render.reference.shapes_of).
     """
-    height, width = side_of("height", height), side_of("width", width)
-    shapes = shapes_of(mean, sigma, rho, color, background, (height, width), opacity, beta)
-    return _rendered(shapes, height, width, additive=False)
+    shapes = shapes_of(mean, sigma, rho, color, background, height, width, opacity, beta)
+    return _rendered(shapes, int(height), int(width), additive=False)
 
 
 def fast_accumulate(
@@ -182,9 +174,8 @@ def fast_accumulate(
 
     `fast_composite` describes the tensors, the gradients and the errors.
     """
-    height, width = side_of("height", height), side_of("width", width)
-    shapes = shapes_of(mean, sigma, rho, color, background, (height, width))
-    return _rendered(shapes, height, width, additive=True)
+    shapes = shapes_of(mean, sigma, rho, color, background, height, width)
+    return _rendered(shapes, int(height), int(width), additive=True)
 
 
 def _rendered(

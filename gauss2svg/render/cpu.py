@@ -65,11 +65,6 @@ if hasattr(os, "register_at_fork"):
     # locked. A fork does not wait for kernel_lock, because a fit may take minutes.
     os.register_at_fork(after_in_child=_free_kernel_lock)
 
-# Work is divided into fewer shares, and so done by fewer threads, if a share would otherwise have
-# less than this number of pair rows. The first number is for the work of _walk_tiles, and the
-# second for that of _add_pairs.
-_LEAST_SHARE, _LEAST_ADDED = 16384, 65536
-
 Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64
 
 
@@ -225,9 +220,10 @@ def _visit(
         first, end = (len(totals) * k // shares for k in (share, share + 1))
         _add_pairs(first, end, pair_width, pairs.offset, pair_out, totals)
 
-    in_shares(walk_share, row_count // _LEAST_SHARE)
+    # A thread pays for 16384 pair rows that are walked, or 65536 that are added.
+    in_shares(walk_share, row_count // 16384)
     if mode != RENDER:
-        in_shares(add_share, row_count // _LEAST_ADDED)
+        in_shares(add_share, row_count // 65536)
     return out, float(loss.sum()), totals, row_count
 
 
@@ -282,12 +278,6 @@ def removal_cost(
     return image, cost
 
 
-# Visible masses are computed on a canvas whose longer side is at most this number of px.
-_LARGEST_SIDE = 768
-# If the weight of a colour in a pixel is at most this value, the weight is left out of W.
-_LEAST_WEIGHT = 1e-9
-
-
 def color_weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[np.float64]]:
     """Return the weights W (n + 1, h w) of the colours in the pixels, and W W^T (n + 1, n + 1).
 
@@ -296,8 +286,8 @@ def color_weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDA
     background.
 
     The first row is that of the background. W is sparse, because only few shapes are visible in
-    each pixel. A plain ellipse (scene.drawn) has no falloff: its alpha is its opacity times the
-    share of the pixel that it covers.
+    each pixel, and weights of at most 1e-9 are left out. A plain ellipse (scene.drawn) has no
+    falloff: its alpha is its opacity times the share of the pixel that it covers.
     """
     # This import takes a third of a second, and few runs need it.
     from scipy.sparse import csr_array
@@ -322,10 +312,10 @@ def color_weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDA
         alpha = scene.opacity[k] * share
         box = transmittance[y0:y1, x0:x1]
         weight = alpha * box
-        shows = weight > _LEAST_WEIGHT
+        shows = weight > 1e-9
         values[k + 1], pixels[k + 1] = weight[shows], pixel[y0:y1, x0:x1][shows]
         box *= 1 - alpha
-    shows = transmittance > _LEAST_WEIGHT
+    shows = transmittance > 1e-9
     values[0], pixels[0] = transmittance[shows], pixel[shows]
     starts = np.cumsum([0, *map(len, values)])
     weights = csr_array(
@@ -345,7 +335,7 @@ def visible_mass(
 
     weight  (h, w) > 0 of any size and with a mean of 1, or None for 1 everywhere
     """
-    reduced = min(1.0, _LARGEST_SIDE / max(scene.width, scene.height))
+    reduced = min(1.0, 768 / max(scene.width, scene.height))
     width, height = (max(1, round(side * reduced)) for side in (scene.width, scene.height))
     splats = splats_of(scene, (width / scene.width, height / scene.height))
     if weight is not None:

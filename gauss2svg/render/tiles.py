@@ -83,7 +83,6 @@ TILE_HEIGHT = 1 << TILE_BITS
 # Each pair of a thin shape has only one row, because rounding would make steps from one row to the
 # next too inexact.
 LEAST_STEPPED = 1 / 64
-_LEAST_SHARE = 512  # smallest number of Gaussians that is worth a thread of its own
 
 
 class Pairs(NamedTuple):
@@ -152,7 +151,7 @@ def find_pairs(
             strip,
             strip_rows,
         ),
-        count // _LEAST_SHARE,
+        count // 512,  # a thread of its own is worth this number of Gaussians
     )
     thin = sigma[:, 1] * np.sqrt((1 - rho) * (1 + rho)) < LEAST_STEPPED
     bits = np.where(thin, 0, TILE_BITS)  # a pair of Gaussian i has at most 2^bits[i] rows

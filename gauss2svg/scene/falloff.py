@@ -131,35 +131,18 @@ def covered_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
 
         R^2 = 2 / (1 - RIM) integral over t in 0..CUT of t^(s - 1) exp(-t).
     """
-    return np.sqrt(2 / (1 - RIM) * _lower_gamma(1 + 1 / beta, CUT))
+    # The lower incomplete gamma function of s is the series
+    #     CUT^s exp(-CUT) / s (1 + CUT / (s + 1) (1 + CUT / (s + 2) (1 + ..))).
+    s, total = 1 + 1 / beta, np.ones_like(beta)
+    for k in range(30, 0, -1):  # double precision needs 30 terms
+        total = 1 + total * (CUT / (s + k))
+    gamma = total * (portable.power(CUT, s) * portable.exp(-CUT) / s)
+    return np.sqrt(2 / (1 - RIM) * gamma)
 
 
 def drawn_radius(beta: NDArray[np.float64], is_plain: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the radius (n,) in sigmas of each plain ellipse, or else of the gradient."""
     return np.where(is_plain, covered_radius(beta), cut_radius(beta))
-
-
-def square_integral(beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the integrals (n,) of f^2 over the plane, in px^2 if sigma is 1 px.
-
-    They follow in the same way as the integral of f in `covered_radius`.
-    """
-    s = 1 + 1 / beta
-    twice = portable.power(0.5, s) * _lower_gamma(s, 2 * CUT)
-    return 4 * np.pi / (1 - RIM) ** 2 * (twice - RIM * _lower_gamma(s, CUT))
-
-
-def _lower_gamma(s: NDArray[np.float64], x: float) -> NDArray[np.float64]:
-    """Return the lower incomplete gamma functions of s (n,) >= 1 at x <= 2 CUT.
-
-    The series is x^s exp(-x) / s (1 + x / (s + 1) (1 + x / (s + 2) (1 + ..))). Double precision
-    needs 45 terms at 2 CUT, and 30 at CUT.
-    """
-    total = np.ones_like(s)
-    for k in range(45 if x > CUT else 30, 0, -1):
-        total *= x / (s + k)
-        total += 1
-    return total * (portable.power(x, s) * portable.exp(-x) / s)
 
 
 def half_radius(beta: ArrayLike) -> NDArray[np.float64]:

@@ -6,15 +6,15 @@ has the products of paper and inks too (printed_colors).
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 import os
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from gauss2svg.errors import plain_scalar, quoted, refusal
-from gauss2svg.files import reading, text_of
+from gauss2svg.files import reading
 from gauss2svg.options import Field, file_name, hex_of
 
 if TYPE_CHECKING:  # not at run time, because --help needs this module but not NumPy
@@ -33,57 +33,11 @@ else:
 
 LEAST_INKS, MOST_INKS = 2, 64
 MOST_TONES = 7  # tones of an ink that overprints. Two inks then have 64 mixes
-WHITE = "#ffffff"
-# The paper of a list of inks is white unless one of them is at most this far from white. The
-# distance is that of levels of sRGB in 0..1. A pale cream is .15 away, and a pale skin .3.
-NEAR_WHITE = 0.4
 PALETTE_SUFFIX = ".gpl"
 _ADVICE = '6, or "#f7c306,#c0322c,#17324d"'
-# The constants from here on are for the choice of inks (docs/decisions/inks.md).
-
-# k-means groups cells of similar colours. The weight of a cell is w to this power, where w is the
-# sum of the weights of the cell's pixels. With a power below 1, small areas count more, so that a
-# small red dot gets an ink of its own.
-_WEIGHT_POWER = 0.5
-# Factor by which differences of hue and chroma count more than differences of lightness. With a
-# factor of 1, small areas of strong colour in photos would share an ink with greys.
-_CHROMA_FACTOR = 1.6
-# The weight of a cell is multiplied by 1 plus this factor times its chroma. Chroma includes
-# _CHROMA_FACTOR and is at most about 0.5. Otherwise small areas of strong colour have no ink.
-_CHROMA_WEIGHT = 4.0
-# With fewer inks than this, the factor is not used. A few inks are needed for light and dark, and
-# with three inks a face beside a red hat would be red.
-_COLORFUL_INKS = 5
-# If there are n inks, fewer than this number, the lightest ink stands for the lightest part of its
-# cluster. This part has n / _WIDE_INKS of the cluster's weight. The darkest ink stands for the
-# darkest part. The means of whole clusters would be too near to grey, so that teeth were brown.
-_WIDE_INKS = 8
-_CELL_SIDE = 8  # side of a cell of similar colours, in levels of 255
-# A pixel that differs from a neighbour by this value (0..1) has half the weight of a pixel in a
-# flat area, because pixels at edges have mixed colours.
-_EDGE_DIFFERENCE = 0.05
-# If the commonest colour of a cluster makes up at least this share of the cluster, this colour is
-# the ink. Otherwise the ink is the colour nearest to the cluster's mean.
-_FLAT_SHARE = 0.25
-# In a picture whose pixels have at least _FLAT_PICTURE of the largest weight, an ink is left out as
-# antialiasing if its pixels have less than _MIXED_WEIGHT of it, and if its colour is within
-# _MIXED_ERROR, in levels of 0..1, of a mix of two other inks.
-_FLAT_PICTURE, _MIXED_WEIGHT, _MIXED_ERROR = 0.6, 0.1, 0.08
 # These factors turn the three levels of a colour into one number, their weighted sum. Such numbers
 # are sorted faster than triples of levels.
 _CODE = (65536, 256, 1)
-# Matrices of Oklab (Ottosson, 2020). The first converts linear sRGB to the responses of cones, and
-# the second converts the cube roots of the responses to L, a and b.
-_TO_CONES = (
-    (0.4122214708, 0.5363325363, 0.0514459929),
-    (0.2119034982, 0.6806995451, 0.1073969566),
-    (0.0883024619, 0.2817188376, 0.6299787005),
-)
-_TO_LAB = (
-    (0.2104542553, 0.7936177850, -0.0040720468),
-    (1.9779984951, -2.4285922050, 0.4505937099),
-    (0.0259040371, 0.7827717662, -0.8086757660),
-)
 
 
 def check_inks(name: str, value: Any) -> int | str:
@@ -151,15 +105,16 @@ def printed_colors(
     import numpy as np
 
     colors = ink_colors(inks)
-    if paper is None and (np.square(1 - colors).sum(axis=1) > NEAR_WHITE**2).all():
-        paper = WHITE
+    # In sRGB, a pale cream is .15 away from white, and a pale skin .3.
+    if paper is None and (np.square(1 - colors).sum(axis=1) > 0.4**2).all():
+        paper = "#ffffff"
     count = len(colors)
     if tones is None:
         mixes = {} if paper is None else {paper: (0.0,) * count}
         for k, ink in enumerate(inks.split(",")):
             mixes.setdefault(ink, tuple(float(k == j) for j in range(count)))
         return mixes
-    mixes, ground = {}, ink_colors(paper or WHITE)[0]
+    mixes, ground = {}, ink_colors(paper or "#ffffff")[0]
     steps = itertools.product(range(tones + 1), repeat=count)
     for step in sorted(steps, key=lambda step: (sum(step), step)):
         strength = np.array(step)[:, None] / tones
@@ -212,16 +167,20 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str, paper: str | None = N
     if inks > len(colors):
         needed = f"at most {len(colors)}, the number of colours in the picture"
         raise refusal("inks", needed, str(inks))
-    points = oklab(colors / 255)
-    points *= [1, _CHROMA_FACTOR, _CHROMA_FACTOR]
-    cell = np.unique(colors // _CELL_SIDE @ _CODE, return_inverse=True)[1]
+    # Without the factor on hue and chroma, small areas of strong colour would share an ink with
+    # greys. docs/decisions/inks.md has this number and the next ones.
+    points = oklab(colors / 255) * [1, 1.6, 1.6]
+    cell = np.unique(colors // 8 @ _CODE, return_inverse=True)[1]
     if cell.max() + 1 < 4 * inks:  # the cells are too coarse
         cell = np.arange(len(colors))
     cell_counts = np.bincount(cell, counts)
     cells = weighted_means(points, counts, cell, np.zeros((len(cell_counts), 3)))
-    weight = portable.power(cell_counts, _WEIGHT_POWER)
-    if inks >= _COLORFUL_INKS:
-        weight *= 1 + _CHROMA_WEIGHT * portable.hypot(*cells.T[1:])
+    # By the square root, small areas count more, so that a small red dot gets an ink of its own.
+    # So do areas of strong colour. But a few inks are needed for light and dark: with three, a face
+    # beside a red hat would be red.
+    weight = np.sqrt(cell_counts)
+    if inks >= 5:
+        weight *= 1 + 4 * portable.hypot(*cells.T[1:])
     # The first seed is the cell of largest weight. Each later seed is the cell whose weight, times
     # the squared distance to the nearest seed so far, is largest.
     seeds = [int(weight.argmax())]
@@ -233,15 +192,16 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str, paper: str | None = N
     for _ in range(30):
         centers = weighted_means(cells, weight, nearest_entry(centers, cells)[1], centers)
     cluster = nearest_entry(centers, cells)[1]
-    if 2 < inks < _WIDE_INKS:
+    if 2 < inks < 8:
         # The lightest ink becomes the mean of the lightest part of its cluster. The darkest ink
-        # becomes the mean of the darkest part.
+        # becomes the mean of the darkest part. The means of whole clusters would be too near to
+        # grey, so that teeth were brown.
         by_lightness = sorted(set(cluster.tolist()), key=lambda k: centers[k, 0])
         for sign, k in ((1, by_lightness[0]), (-1, by_lightness[-1])):
             members = np.flatnonzero(cluster == k)
             members = members[np.argsort(sign * cells[members, 0], kind="stable")]
             total = np.cumsum(weight[members])
-            part = members[: 1 + np.searchsorted(total, total[-1] * inks / _WIDE_INKS)]
+            part = members[: 1 + np.searchsorted(total, total[-1] * inks / 8)]
             centers[k] = np.average(cells[part], axis=0, weights=weight[part])
     entry = cluster[cell]
     chosen: list[tuple[float, NDArray[np.uint8]]] = []  # the weight of each ink's pixels
@@ -249,10 +209,10 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str, paper: str | None = N
         members = np.flatnonzero(entry == k)
         share = counts[members] / counts[members].sum()
         at = members[share.argmax()]
-        if share.max() < _FLAT_SHARE:  # take the colour nearest to the cluster's mean
+        if share.max() < 0.25:  # take the colour nearest to the cluster's mean
             at = members[np.square(points[members] - centers[k]).sum(axis=1).argmin()]
         chosen.append((counts[members].sum() / pixel_counts[members].sum(), colors[at]))
-    if counts.sum() >= _FLAT_PICTURE * pixel_counts.sum():
+    if counts.sum() >= 0.6 * pixel_counts.sum():  # the picture is flat
         chosen = _without_mixes(chosen)
     by_light = sorted((-float(oklab(color / 255)[0]), ink_name(color / 255)) for _, color in chosen)
     return ",".join(name for _, name in by_light)
@@ -261,7 +221,10 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str, paper: str | None = N
 def _without_mixes(
     inks: list[tuple[float, NDArray[np.uint8]]],
 ) -> list[tuple[float, NDArray[np.uint8]]]:
-    """Return inks (weight of a pixel, levels of 255) without the colours of antialiasing."""
+    """Return inks (weight of a pixel, levels of 255) without the colours of antialiasing.
+
+    These have pixels of little weight, and are near a mix of two other inks.
+    """
     import numpy as np
 
     from gauss2svg import portable
@@ -272,22 +235,33 @@ def _without_mixes(
             along, offset = last - first, one[1] / 255 - first
             share = portable.dot(offset, along) / max(portable.dot(along, along), 1e-9)
             share = min(max(share, 0.0), 1.0)
-            is_mix = float(np.square(offset - share * along).sum()) < _MIXED_ERROR**2
-            if one[0] < _MIXED_WEIGHT and is_mix:
+            is_mix = float(np.square(offset - share * along).sum()) < 0.08**2
+            if one[0] < 0.1 and is_mix:
                 inks = [ink for ink in inks if ink is not one]
                 break
     return inks
 
 
 def oklab(colors: NDArray[np.floating]) -> _Numbers:
-    """Return L, a and b (.., 3) of sRGB colours (.., 3) in 0..1."""
+    """Return L, a and b (.., 3) of sRGB colours (.., 3) in 0..1, by Oklab (Ottosson, 2020)."""
     import numpy as np
 
     from gauss2svg import portable
     from gauss2svg.photo.pixels import linear_light
 
-    cones = portable.product(linear_light(colors), np.transpose(_TO_CONES))
-    return portable.product(portable.cbrt(cones), np.transpose(_TO_LAB))
+    # From linear sRGB to the responses of cones, and from their cube roots to L, a and b.
+    to_cones = (
+        (0.4122214708, 0.5363325363, 0.0514459929),
+        (0.2119034982, 0.6806995451, 0.1073969566),
+        (0.0883024619, 0.2817188376, 0.6299787005),
+    )
+    to_lab = (
+        (0.2104542553, 0.7936177850, -0.0040720468),
+        (1.9779984951, -2.4285922050, 0.4505937099),
+        (0.0259040371, 0.7827717662, -0.8086757660),
+    )
+    cones = portable.product(linear_light(colors), np.transpose(to_cones))
+    return portable.product(portable.cbrt(cones), np.transpose(to_lab))
 
 
 def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers, _Numbers]:
@@ -313,7 +287,7 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers, 
         stride += 1
     every = slice(None, None, stride)
     flat = pixels.reshape(-1, pixels.shape[2])[every]
-    share = 1 / (1 + np.square(steps.ravel()[every] / _EDGE_DIFFERENCE))
+    share = 1 / (1 + np.square(steps.ravel()[every] / 0.05))  # edges have mixed colours
     if flat.shape[1] > 3:
         visible = flat[:, 3] >= 0.5
         flat, share = flat[visible, :3], share[visible]
@@ -325,30 +299,16 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers, 
 
 def _read_palette(name: str, path: str) -> list[str]:
     """Return the distinct colours of a palette file of GIMP or Inkscape, each as six hex digits."""
-    most_bytes, head = 1_000_000, "GIMP Palette"
+    from PIL.GimpPaletteFile import GimpPaletteFile
+
     with reading(path, "a palette file") as file:
-        content = file.read(most_bytes + 1)
-    text = text_of(content, path, "replace")  # names of colours may be in any encoding
-    if len(content) > most_bytes or not text.lstrip().startswith(head):
-        needed = f"a file of at most {most_bytes:,} bytes that begins with {head}"
-        raise refusal(name, needed, quoted(path), _ADVICE)
-    colors: dict[str, None] = {}
-    lines = re.split(r"\r\n?|\n", text)
-    # Lines that GIMP and Inkscape skip: comments, and header fields such as Name and Columns.
-    # Palettes of Aseprite with the field Channels have alpha as a fourth level.
-    skipped = rf"\s*(#.*|[A-Za-z]+:.*|{head}.*)?"
-    if any(re.fullmatch(r"\s*Channels:\s*RGBA\s*", line) for line in lines):
-        skipped += r"|\s*[0-9]+\s+[0-9]+\s+[0-9]+\s+0+(?:\s.*)?"
-    for number, line in enumerate(lines, 1):
-        if re.fullmatch(skipped, line):
-            continue
-        match = re.fullmatch(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(?:\s.*)?", line)
-        levels = [int(level) for level in match.groups()] if match else [256]
-        if max(levels) > 255:
-            got = quoted(f"line {number}, {line}")
-            raise refusal(name, "three levels of 0 to 255 a line", got, _ADVICE)
-        colors[bytes(levels).hex()] = None
-    return list(colors)
+        lines = [line.strip() for line in file.read(1_000_000).splitlines() if line.strip()]
+    try:
+        levels = GimpPaletteFile(io.BytesIO(b"\n".join(lines))).palette
+    except (SyntaxError, ValueError):
+        needed = "a palette of GIMP, with three levels of 0 to 255 a line"
+        raise refusal(name, needed, quoted(path), _ADVICE) from None
+    return list(dict.fromkeys(levels[k : k + 3].hex() for k in range(0, len(levels), 3)))
 
 
 def inks_in(

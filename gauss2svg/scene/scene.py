@@ -151,10 +151,13 @@ class Parameter:
 
 
 _COLOR_ADVICE = "to clip it, or to divide by 255 what is in 8 bits"
-_SIDE_ADVICE = "to scale the scene"
 CANVAS = (
-    Parameter("width", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
-    Parameter("height", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
+    *(
+        Parameter(
+            side, 1, LEAST_CANVAS, MOST_CANVAS, advice="to scale the scene", scaled=True, once=True
+        )
+        for side in ("width", "height")
+    ),
     Parameter("background", 3, 0.0, 1.0, default=1.0, advice=_COLOR_ADVICE, once=True),
 )
 # Parameters of each shape. Learning rates come from the ablations of docs/decisions/fit.md. A fit
@@ -331,7 +334,8 @@ class Scene:
             )
         sigma = np.sqrt(np.stack([c11, c22], axis=1))
         rho = np.clip(0.5 * (c12 + c21) / sigma.prod(axis=1), -RHO_LIMIT, RHO_LIMIT)
-        opacity = np.broadcast_to(opacity, len(matrices)) if np.ndim(opacity) == 0 else opacity
+        if np.ndim(opacity) == 0:
+            opacity = np.broadcast_to(opacity, len(matrices))
         return cls(width, height, mean, sigma, rho, color, opacity, **others)  # pyright: ignore[reportArgumentType] (the constructor converts)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -497,11 +501,10 @@ class Scene:
                 values = {name: plain_scalar(stored[name]) for name in stored.files}
             if (version := int(values.pop("format_version"))) != _FORMAT_VERSION:
                 raise ValueError(f"format version {version}")
-            names = {field.name for field in dataclasses.fields(cls)}
-            needed = {p.name for p in (*CANVAS, *PARAMETERS) if p.default is None}
-            if others := values.keys() - names | needed - values.keys():
-                raise ValueError(f"one with other fields: {', '.join(sorted(others))}")
             values["areas"] = areas_from_json(values.get("areas", "[]"))
+            return cls(**values)
+        except SceneError:
+            raise
         except Exception as error:
             # NumPy, zipfile and zlib raise errors of many classes, so all classes are caught. For a
             # file of any other format, NumPy advises to unpickle it, which would run its code.
@@ -510,7 +513,6 @@ class Scene:
                 f"scene file must be one written by Scene.save, in version {_FORMAT_VERSION}; got "
                 f"{got}. Try to fit the photo again, and to save its scene"
             ) from error
-        return cls(**values)
 
 
 def narrowing_of(rho: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args
 
-from gauss2svg.errors import InputError, nearest, quoted, refusal
+from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.options import Interval, OptionGroup
 
 # This attribute of the root has the size of the canvas in px. The root's own width and height may
@@ -24,10 +24,8 @@ MOST_TRAP = 10.0  # mm by which regions of a cut file may spread
 MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 DEFAULT_TITLE = "Vectorised photo"
-PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
-_SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})")
+RESPONSIVE = "responsive"
 CURRENT_COLOR = '="currentColor"'  # end of an attribute with the colour that a page sets
-MOST_ACROSS = 1e6  # largest width, in any unit
 # Sizes of paper in mm, the narrower side first.
 _PAPERS = {
     "a2": (420, 594), "a3": (297, 420), "a4": (210, 297), "a5": (148, 210), "a6": (105, 148),
@@ -59,7 +57,7 @@ def check_text(name: str, text: Any) -> str:
 
 def check_size(name: str, size: Any) -> str:
     """Return `size`. Raise InputError unless it is photo, responsive or a width with a unit."""
-    if not (isinstance(size, str) and size in (PHOTO_SIZE, RESPONSIVE)):
+    if size not in ("photo", RESPONSIVE):
         _width_of(name, size)
     return size
 
@@ -78,13 +76,11 @@ def check_sheet(name: str, sheet: Any) -> str:
     Raise InputError unless it is the name of a paper or such as 300x200mm.
     """
     text = sheet.lower() if isinstance(sheet, str) else ""
-    size = re.compile(r"(\d+\.?\d*)x(\d+\.?\d*)mm")
-    match = size.fullmatch(text)
+    match = re.fullmatch(r"(\d+\.?\d*)x(\d+\.?\d*)mm", text)
     if text in _PAPERS or (match and all(1 <= float(side) <= 5000 for side in match.groups())):
         return text
     needed = f"{', '.join(_PAPERS)} or a width and a height such as 300x200mm"
-    advice = f"{text}mm" if size.fullmatch(f"{text}mm") else nearest(text, _PAPERS)
-    raise refusal(name, needed, quoted(sheet), advice)
+    raise refusal(name, needed, quoted(sheet))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +206,7 @@ class Document(OptionGroup):
         pixels are not square. For any size, raise InputError if a side would be written as 0.
         """
         document = self
-        if self.size == PHOTO_SIZE:
+        if self.size == "photo":
             across, down = dpi or (math.nan, math.nan)
             # Files store rounded numbers, so the px per inch across and down may differ by up to
             # 1 % although pixels are square.
@@ -218,7 +214,7 @@ class Document(OptionGroup):
                 lacking = "without a resolution tag"
                 if dpi is not None:
                     lacking = f"whose pixels are not square ({across:g}x{down:g} dpi)"
-                raise refusal("size", f"a width for a photo {lacking}", repr(PHOTO_SIZE), "120mm")
+                raise refusal("size", f"a width for a photo {lacking}", "'photo'", "120mm")
             document = dataclasses.replace(self, size=f"{round(width / across * 25.4, 3):g}mm")
         document.sides(width, height)
         return document
@@ -257,21 +253,11 @@ def round_id(index: int) -> str:
 
 
 def _width_of(name: str, size: Any) -> tuple[float, str]:
-    match = _SIZE.fullmatch(size) if isinstance(size, str) else None
-    across = float(match[1]) if match else math.nan
-    if match is None or not 0 < across <= MOST_ACROSS:
+    match = re.fullmatch(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})", str(size))
+    if match is None or not 0 < float(match[1]) <= 1e6:
         needed = f"a width above 0 with its unit, one of {', '.join(MM)}: such as 120mm"
-        raise refusal(name, needed, quoted(size), _width_like(str(size)))
-    return across, match[2]
-
-
-def _width_like(size: str) -> str:
-    """Return widths that the user of an invalid size may have meant, or ""."""
-    if _SIZE.fullmatch(size + "px") and 0 < float(size) <= MOST_ACROSS:
-        return f"{size}px or {size}mm"
-    paper = nearest(size, _PAPERS)
-    short, long = _PAPERS.get(paper, (0, 0))
-    return f"{short}mm, or {long}mm for {paper} turned" if paper else ""
+        raise refusal(name, needed, quoted(size))
+    return float(match[1]), match[2]
 
 
 Form = Literal["gradient", "blur"]

@@ -69,7 +69,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss2svg.core import Kernel
 from gauss2svg.scene import Scene, whitening_of
@@ -80,29 +79,8 @@ from gauss2svg.svg.encode import Drawing, layer, matrices_of, radial_gradient, s
 from gauss2svg.svg.forms import Ints, whole_stops
 
 Ramp = Sequence[tuple[str, str]]  # offset and colour of each stop of a gradient
-# The filter adds this number of levels of 255 to its result. resvg and Chromium truncate the result
-# to whole levels, so 0.5 would be best for them. The other renderers round it, so 0 would be best
-# for them. This number is halfway between those two.
-HALF_WAY = 0.25
-# The canvas must hold the range of the partial sums (docs/decisions/svg.md). The range is extended
-# at each end by this share of its span, because the rounding of layers may push a sum out of it.
-MARGIN = 0.01
-# The smallest span of the range. At this span, an error of one level on the canvas is only a tenth
-# of a level in the picture, so a smaller span would not make the picture better.
-LEAST_SPAN = 0.1
-# While the order of the Gaussians is chosen, the range of each colour channel is extended at both
-# ends by this much. More Gaussians then stay within the range, so fewer are put off until later.
-SPARE = 0.02
 _DRAWN = -1  # a Gaussian that has been drawn has this value in the array `worst`
 _ANY = 1e300  # larger than the excess of any Gaussian
-
-# The next three numbers limit the grid on which partial sums are sampled (docs/decisions/svg.md).
-FINEST = 4.0  # largest number of samples per px, along x and along y
-SIDE = 1536  # largest number of samples along a side of the grid
-# Largest number of pairs of a Gaussian and a sample that the Gaussian may reach. If Gaussians are
-# wide, a fine grid would have more such pairs, so the grid is made coarser. A coarser grid is exact
-# enough for wide Gaussians.
-TOUCHED = 3e7
 _draw_gaussians = Kernel(
     "draw_gaussians",
     "int float float32 int64 float64 float64 float64 float64 float64 float32 float64 float64 int"
@@ -113,18 +91,20 @@ _draw_gaussians = Kernel(
 def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     """Return the drawing of an additive scene. Equal arguments always give the same drawing.
 
-    A Gaussian is left out if its extent is written as 0, or its colour as black. It is also left
-    out if it is off the canvas and its numbers are too large for a file. Raise SceneError if a
-    visible Gaussian has such numbers (gauss2svg.svg.element.writable).
+    A Gaussian is left out if its extent is written as 0, or its colour as black. Raise SceneError
+    if a Gaussian or the canvas is too large for a file.
     """
     phases, low, high = phases_of(scene)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
-    span = np.maximum((1 + 2 * MARGIN) * (high - low), np.maximum(largest, LEAST_SPAN))
+    # The range is extended at each end by a hundredth of its span, because the rounding of layers
+    # may push a sum out of it. At a span of 0.1, an error of one level on the canvas is only a
+    # tenth of a level in the picture.
+    span = np.maximum(1.02 * (high - low), np.maximum(largest, 0.1))
     scale = 255 / span  # number of levels on the canvas that stand for 1 in the picture
     background_level = np.round(scale * (scene.background - 0.5 * (low + high) + 0.5 * span))
 
-    ramps, reach = _ramps(scene, scale, svg_format.stops)
-    matrices = matrices_of(scene, RADIUS * reach, svg_format.precision)
+    ramps = _ramps(scene, scale, svg_format.stops)
+    matrices = matrices_of(scene, np.full(len(scene), RADIUS), svg_format.precision)
     # For each phase, the indices of its Gaussians that are written. A phase in which no Gaussian is
     # written is left out.
     shown = ([i for i in phase.tolist() if ramps[i] and matrices[i]] for phase in phases)
@@ -140,11 +120,14 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
             # Between two phases, a rectangle inverts the channels whose sign changes. It is in no
             # layer of a phase, so that it stays visible if someone hides such a layer.
             groups.append(_cover(hex_color(np.where(inverts, 255, 0))))
-        groups.append(layer(_label(index, len(discs), adds), discs, id=f"phase-{index}"))
+        label = f"Phase {index}: {len(discs)} Gaussians"
+        groups.append(layer(label, discs, id=f"phase-{index}"))
         inverted = adds
     slope = np.where(inverted, -1, 1) * span
     level = np.where(inverted, 255 - background_level, background_level) / 255
-    intercept = scene.background - slope * level + HALF_WAY / 255
+    # A quarter of a level is halfway between what suits resvg and Chromium, which truncate the
+    # result of the filter to whole levels, and the other renderers, which round it.
+    intercept = scene.background - slope * level + 0.25 / 255
     transfer = tuple((number(s, 5), number(i, 5)) for s, i in zip(slope, intercept, strict=True))
     background = hex_color(np.where(first, 255 - background_level, background_level))
     # Because of the key, two additive drawings in one page have different ids. Ids with a key
@@ -165,32 +148,15 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     return Drawing(view, sum(map(len, shown)), definitions, body, sheet)
 
 
-def _ramps(scene: Scene, scale: Floats, count: int) -> tuple[list[Ramp], Floats]:
-    """Return the stops of each Gaussian, and its radius (n,) as a share 0..1 of the full radius.
-
-    If several stops at the end of a gradient are black, the gradient and its circle end at the
-    first of these stops. In a scene of 8000 Gaussians this reduces the area that they cover by a
-    sixth. A Gaussian whose stops are all black has the stops ().
-    """
+def _ramps(scene: Scene, scale: Floats, count: int) -> list[Ramp]:
+    """Return the stops of each Gaussian, or () if all of them are black."""
     color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
     offsets, levels = whole_stops(scale * color, count)
-    # For each gradient, the number of its stops up to the last one that is not black.
-    before = np.where(levels.any(axis=2), np.arange(1, count + 1), 0).max(axis=1)
-    reach = offsets[np.arange(len(color)), before]
-    ramps = []
-    for at, shades, last, end in zip(offsets, levels, before, reach, strict=True):
-        stops = zip(at[: last + 1] / end, shades, strict=False)
-        ramps.append(tuple((number(o, 3), hex_color(c)) for o, c in stops) if last else ())
-    entry = entry.reshape(-1)
-    return [ramps[k] for k in entry], reach[entry]
-
-
-def _label(index: int, count: int, adds: NDArray[np.bool_]) -> str:
-    """Return a label such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
-    verbs = ("adds", "takes") if count == 1 else ("add", "take")
-    channels = [np.array(["red", "green", "blue"])[which] for which in (adds, ~adds)]
-    does = [f"{verb} {', '.join(c)}" for verb, c in zip(verbs, channels, strict=True) if len(c)]
-    return f"Phase {index}: {count} Gaussian{'s' * (count > 1)} that {' and '.join(does)}"
+    ramps = [
+        tuple((number(o, 3), hex_color(c)) for o, c in zip(at, shades, strict=True))
+        for at, shades in zip(offsets, levels, strict=True)
+    ]
+    return [ramps[k] if levels[k].any() else () for k in entry.reshape(-1)]
 
 
 def _cover(fill: str, key: str | None = None) -> Element:
@@ -250,7 +216,8 @@ def phases_of(scene: Scene) -> tuple[list[Ints], Floats, Floats]:
     mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
     by_mass = np.argsort(-mass, kind="stable")
     worst[:] = 0
-    allowed = picture, low - SPARE, high + SPARE
+    # More Gaussians stay within a range that is a little larger, so fewer are put off until later.
+    allowed = picture, low - 0.02, high + 0.02
 
     def draw(indices: Ints, enough: float) -> int:
         chosen = len(indices), indices, enough, worst
@@ -274,7 +241,9 @@ def _samples_of(scene: Scene) -> tuple[Any, ...]:
     """
     canvas = np.array([scene.width, scene.height])
     touched = float(np.minimum(2 * RADIUS * scene.sigma, canvas).prod(axis=1).sum())
-    factor = min(FINEST, SIDE / canvas.max(), np.sqrt(TOUCHED / max(1.0, touched)))
+    # There are at most 4 samples per px and 1536 along a side. Wide Gaussians reach many samples,
+    # so their grid is coarser, which is exact enough for them (docs/decisions/svg.md).
+    factor = min(4.0, 1536 / canvas.max(), np.sqrt(3e7 / max(1.0, touched)))
     size = np.maximum(1, np.ceil(factor * canvas)).astype(int)
     mean, sigma = scene.mean * (size / canvas), scene.sigma * (size / canvas)
     y, x = np.mgrid[: size[1], : size[0]] + 0.5

@@ -9,10 +9,6 @@ Element.text writes all elements except the root of an editable file, which svgw
 Path data begin with m and never with M, so that an area that is a rectangle over the whole canvas
 is not the path that is the background of minimal markup. They have no arcs, which are ellipses.
 
-In minimal markup, consecutive areas that look the same share a path if their boxes do not overlap.
-Such a path draws what the single paths draw. If it is read, it is one area, which is written as the
-same path again.
-
 The size of numbers in a file is limited, because renderers compute in float32, and some renderers
 crash on large numbers.
 """
@@ -160,60 +156,40 @@ def check_view(scene: Scene, precision: float = 1.0) -> None:
         )
 
 
-def writable(
-    scene: Scene, radius: ArrayLike, precision: float, unit: ArrayLike = 1
-) -> NDArray[np.bool_]:
-    """Return for each shape (n,) whether it can be written to a file.
+def check_shapes(scene: Scene, radius: Floats, precision: float) -> None:
+    """Raise SceneError if a shape is too large or too far away for a file.
 
-    A shape can be written if its numbers do not exceed LARGEST_NUMBER, and if its edge is not
-    farther than FARTHEST from the origin. Callers leave out the shapes that cannot be written.
-    Raise SceneError if one of these may be visible on the canvas.
-
-    radius     radius, in sigmas, of the disc that is drawn
+    radius     (n,) radius, in sigmas, of the disc that is drawn
     precision  user unit of the file in px
-    unit       radius of the circle to which the shape's matrix applies, in user units
     """
-    extent = np.asarray(radius)[..., None] * scene.sigma
-    offset = np.abs(scene.mean)
-    number = np.maximum(offset, extent / np.asarray(unit)[..., None]).max(axis=1) / precision
-    farthest = (offset + extent).max(axis=1)
-    canvas = np.array([scene.width, scene.height])
-    beyond = np.maximum(-scene.mean, scene.mean - canvas)
-    # A blurred disc reaches up to 2.5 radii beyond its edge, and other shapes reach less far. So no
-    # shape reaches farther than 4 radii from its mean. Antialiasing adds one px.
-    off = (beyond > 4.0 * extent + 1.0).any(axis=1)
-    fits = (number <= LARGEST_NUMBER) & (farthest <= FARTHEST)
-    lost = ~fits & ~off
-    if lost.any():
-        i = int(lost.argmax())
+    farthest = (np.abs(scene.mean) + radius[:, None] * scene.sigma).max(axis=1)
+    if len(scene):
+        _check_reach(f"Gaussian {farthest.argmax()}", farthest.max(), precision)
+
+
+def _check_reach(name: str, farthest: float, unit: float) -> None:
+    most = min(LARGEST_NUMBER * unit, FARTHEST)
+    if farthest > most:
         raise SceneError(
-            f"Gaussian {i} must reach at most {FARTHEST:g} px, with numbers up to "
-            f"{LARGEST_NUMBER:g}; got {farthest[i]:.3g} px and {number[i]:.3g} at a precision of "
-            f"{precision:g} px, for mean {scene.mean[i].tolist()} and sigma "
-            f"{scene.sigma[i].tolist()} px. Try to clip its sigma, to scale the scene down, to "
-            "drop the Gaussian, or a coarser precision"
+            f"{name} must reach at most {most:g} px at a precision of {unit:g} px; got "
+            f"{farthest:g} px. Try to scale the scene down, to drop what lies so far off, or a "
+            "coarser precision"
         )
-    return fits
 
 
-def path_data(outline: Outline, unit: float, current: tuple[int, int] | None = None) -> str:
-    """Return the path data of an outline, in whole numbers of units. They are as short as possible.
+def path_data(outline: Outline, current: tuple[int, int] = (0, 0)) -> str:
+    """Return the relative path data of an outline with whole coordinates.
 
-    unit     user unit in px
-    current  point, in units, at which the path data before it end. None if there are none
+    current  point at which the path data before it end
 
-    Segments whose ends are rounded to the same point are left out, and the last line of a closed
-    outline is left to z. Return "" if nothing of a closed outline is left. An open outline of which
-    nothing is left becomes a dot.
+    Segments whose ends are equal are left out, and the last line of a closed outline is left to z.
+    Return "" if nothing of a closed outline is left. An open outline of which nothing is left
+    becomes a dot.
     """
-    points = [(round(x / unit), round(y / unit)) for x, y in outline.points]
-    x, y = points[0]
-    if current is None:
-        text, before = f"m{x} {y}".replace(" -", "-"), "l"
-    else:
-        text = _shortest("m", (x - current[0], y - current[1]), (x, y), "")
-        before = "l" if text[0] == "m" else "L"
-    handle, start, at, last = (x, y), text, 0, len(outline.curved) - 1
+    points = [(round(x), round(y)) for x, y in outline.points]
+    x, y = handle = points[0]
+    text, at, last = _command("m", (x - current[0], y - current[1])), 0, len(outline.curved) - 1
+    start, before = text, "l"
     if outline.closed:
         points.append(points[0])
     for k, is_curve in enumerate(outline.curved):
@@ -224,37 +200,25 @@ def path_data(outline: Outline, unit: float, current: tuple[int, int] | None = N
         if not is_curve or ((a, b) == (x, y) and (c, d) == (e, f)):
             if (e, f) == (x, y) or (k == last and outline.closed):
                 continue
-            if f == y:
-                letter, by, to = "h", (e - x,), (e,)
-            elif e == x:
-                letter, by, to = "v", (f - y,), (f,)
-            else:
-                letter, by, to = "l", (e - x, f - y), (e, f)
-            handle = e, f
+            letter, numbers, handle = "l", (e - x, f - y), (e, f)
+            if 0 in numbers:
+                letter, numbers = ("h", numbers[:1]) if f == y else ("v", numbers[1:])
         else:
-            letter, by, to = "s", (c - x, d - y, e - x, f - y), (c, d, e, f)
+            letter, numbers = "s", (c - x, d - y, e - x, f - y)
             if (a, b) != handle:
-                letter, by, to = "c", (a - x, b - y, *by), (a, b, *to)
+                letter, numbers = "c", (a - x, b - y, *numbers)
             handle = 2 * e - c, 2 * f - d
-        piece = _shortest(letter, by, to, before)
-        before = piece[0] if piece[0].isalpha() else before
-        text, x, y = text + piece, e, f
+        piece = _command(letter, numbers)
+        # The letter may be left out after the same one, and l after m.
+        piece = piece if letter != before else piece[1:] if piece[1] == "-" else " " + piece[1:]
+        text, before, x, y = text + piece, letter, e, f
     if text == start:
         return "" if outline.closed else text + "h0"
     return text + "z" if outline.closed else text
 
 
-def _shortest(letter: str, by: Sequence[int], to: Sequence[int], before: str) -> str:
-    """Return a command of path data with relative or absolute numbers, whichever is shorter.
-
-    by, to  its relative and its absolute numbers
-    before  the letter that a command without a letter has here
-    """
-    texts = []
-    for name, values in ((letter, by), (letter.upper(), to)):
-        text = " ".join(map(str, values)).replace(" -", "-")
-        texts.append(name + text if name != before else text if text[0] == "-" else " " + text)
-    return min(texts, key=len)
+def _command(letter: str, numbers: Iterable[int]) -> str:
+    return letter + " ".join(map(str, numbers)).replace(" -", "-")
 
 
 def in_units(
@@ -270,13 +234,18 @@ def in_units(
     """
     written, kept = list[Area](), list[int]()
     for k, one in enumerate(areas):
-        _check_numbers(one, unit)
+        places = [point for outline in one.outlines for point in outline.points]
+        if isinstance(one.paint, LinearGradient):
+            places += [one.paint.start, one.paint.end]
+        elif isinstance(one.paint, RadialGradient):
+            places += [one.paint.center, one.paint.radii]
+        _check_reach("an area", max(one.width, np.abs(places).max()), unit)
         area = one.scaled(1 / unit, 1 / unit)
         whole = [
             dataclasses.replace(o, points=tuple((round(x), round(y)) for x, y in o.points))
             for o in area.outlines
         ]
-        outlines = tuple(outline for outline in whole if path_data(outline, 1))
+        outlines = tuple(outline for outline in whole if path_data(outline))
         opacity, width = round(area.opacity, opacity_decimals), round(area.width)
         if outlines and opacity and (width or not area.is_line):
             look = {"paint": _whole_paint(area.paint), "opacity": opacity, "width": width}
@@ -307,28 +276,12 @@ def _whole_paint(paint: Paint) -> Paint:
     return dataclasses.replace(paint, start=start, end=end, **changes)
 
 
-def _check_numbers(area: Area, unit: float) -> None:
-    """Raise SceneError if a number of an area in px is too large for a file."""
-    places = [point for one in area.outlines for point in one.points]
-    if isinstance(area.paint, LinearGradient):
-        places += [area.paint.start, area.paint.end]
-    elif isinstance(area.paint, RadialGradient):
-        places += [area.paint.center, area.paint.radii]
-    farthest, most = max(area.width, np.abs(places).max()), min(LARGEST_NUMBER * unit, FARTHEST)
-    if farthest > most:
-        raise SceneError(
-            f"numbers of an area must be at most {most:g} px at a precision of {unit:g} px; got "
-            f"{farthest:g} px. Try to scale the scene down, to drop the area, or a coarser "
-            "precision"
-        )
-
-
 class AreaElements(NamedTuple):
     """The elements of the areas and lines of a file.
 
     definitions  their gradients, which have the first ids of the file
-    paths        one element for each area, from bottom to top. In minimal markup, several areas may
-                 share an element
+    paths        one element for each area, from bottom to top. In minimal markup, consecutive areas
+                 that look the same and whose boxes are apart share one, which draws the same
     starts       for each path, the number of areas below it
     boxes        (n, 4) left, top, right and bottom of the areas, in user units. They are smaller
                  by a thousandth at each side, so that areas that end at a side of the canvas do not
@@ -352,11 +305,10 @@ def area_elements(
     levels  levels of the Gaussians among the areas. Areas below and above such a Gaussian never
             share an element
     """
-    ids: dict[str, str] = {}
-    definitions, boxes = list[Element](), list[tuple[float, ...]]()
-    # A run is the look of a path, its outlines, and the index of the first box of its areas.
-    runs = list[tuple[dict[str, str | None], list[Outline], int]]()
-    for area in areas:
+    ids, definitions, paths = dict[str, str](), list[Element](), list[Element]()
+    boxes, starts, before = list[tuple[float, ...]](), list[int](), dict[str, str | None]()
+    current = (0, 0)
+    for k, area in enumerate(areas):
         paint = _paint(area.paint, is_minimal)
         if isinstance(paint, Element):
             key = paint.text()
@@ -365,35 +317,20 @@ def area_elements(
                 definitions.append(paint.replace(id=ids[key]))
             paint = f"url(#{ids[key]})"
         look, box = _look(area, paint, opacity_decimals, is_minimal), _box(area)
-        may_share = is_minimal and runs and look == runs[-1][0] and len(boxes) not in levels
-        if may_share and _is_apart(box, boxes[runs[-1][2] :]):
-            runs[-1][1].extend(area.outlines)
-        else:
-            runs.append((look, list(area.outlines), len(boxes)))
+        shares = is_minimal and look == before and k not in levels
+        if not (shares and _is_apart(box, boxes[starts[-1] :])):
+            key = None if is_minimal else f"area-{k + 1}"
+            paths.append(Element("path", **look, id=key, d=""))
+            starts.append(k)
+            current = (0, 0)
+        for outline in area.outlines:
+            paths[-1].attributes["d"] += path_data(outline, current)
+            x, y = outline.points[0 if outline.closed else -1]
+            current = round(x), round(y)
+        before = look
         boxes.append(box)
-    paths = []
-    for k, (look, outlines, _) in enumerate(runs, start=1):
-        data = _data(outlines, ends=not is_minimal or "stroke" in look)
-        paths.append(Element("path", **look, id=None if is_minimal else f"area-{k}", d=data))
-    starts = [start for _, _, start in runs]
     inner = np.array(boxes).reshape(-1, 4) + np.array([1e-3, 1e-3, -1e-3, -1e-3])
     return AreaElements(definitions, paths, starts, inner)
-
-
-def _data(outlines: Sequence[Outline], ends: bool) -> str:
-    """Return the path data of outlines in user units.
-
-    ends  whether closed outlines end with z. Filled ones are closed without it
-    """
-    text, current = "", None
-    for outline in outlines:
-        text += path_data(outline, 1, current)
-        at_start = outline.closed
-        if not ends and not outline.curved[-1]:
-            text, at_start = text.removesuffix("z"), False
-        x, y = outline.points[0 if at_start else -1]
-        current = round(x), round(y)
-    return text if ends else text.removesuffix("z")
 
 
 def _look(area: Area, paint: str, opacity_decimals: int, is_minimal: bool) -> dict[str, str | None]:

@@ -49,22 +49,19 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg import portable
 from gauss2svg.options import Field
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.falloff import (
-    BETA_CLASSES,
     RIM_WIDTH,
     cut_radius,
     drawn_radius,
     half_radius,
-    nearest_class,
 )
 from gauss2svg.svg import INKS, Document, SvgFormat, round_id
 from gauss2svg.svg.element import (
@@ -73,6 +70,7 @@ from gauss2svg.svg.element import (
     Floats,
     area_elements,
     boxes_of,
+    check_shapes,
     check_view,
     clipped,
     hex_color,
@@ -80,25 +78,14 @@ from gauss2svg.svg.element import (
     number,
     short_id,
     unless,
-    writable,
 )
-from gauss2svg.svg.forms import BLURS, CLEAR, as_written, gradient_stops, nearest_blurs
+from gauss2svg.svg.forms import BLURS, CLEAR, Blur, as_written, gradient_stops, nearest_blurs
 
 Round = tuple[int, list[Element]]  # the index of a round, and the elements of its shapes
 
-# Shapes with crisp rims are written with other circles and gradients than soft ones. The next four
-# numbers set when and how (docs/decisions/svg.md).
-LARGE_FROM = 16.0  # smallest exponent at which a gradient has the radius 100
-# If a rim is at least this wide, in px, the antialiased edge of the circle hardly clips it. Then
-# the circle ends where its gradient ends.
-SOFT_RIM = 1.0
-# If a rim is narrower than SOFT_RIM, the circle must be larger than its gradient. Otherwise the
-# antialiased edge of the circle would clip the rim. The distance from the end of the gradient to
-# the edge of the circle is at least this, in px.
-CLEAR_OF_THE_RIM = 0.7
-# The largest distance from the gradient's end to the edge of the circle, as a multiple of the
-# gradient's radius. Shapes that need a larger distance are too thin to be visible.
-MOST_MARGIN = 20.0
+LARGE_FROM = (
+    16.0  # smallest exponent at which a gradient has the radius 100 (docs/decisions/svg.md)
+)
 
 
 class Drawing(NamedTuple):
@@ -127,55 +114,46 @@ class Drawing(NamedTuple):
 def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     """Return the drawing of a scene. Equal arguments always give the same drawing.
 
-    A Gaussian is left out if its opacity or its extent is written as 0. It is also left out if it
-    is off the canvas and its numbers are too large for a file (gauss2svg.svg.element.writable).
-    Raise SceneError if a visible Gaussian has such numbers, or if the canvas is too small or too
-    large.
+    A Gaussian is left out if its opacity or its extent is written as 0. Raise SceneError if a
+    Gaussian or the canvas is too large for a file, or if the canvas is too small.
     """
     scene = as_written(scene, svg_format.form)
     precision, decimals = svg_format.precision, svg_format.opacity_decimals
     written, scene = in_units(scene, scene.areas, precision, decimals)
     plain, blurred, shaded = (scene.drawn == kind for kind in (PLAIN, BLURRED, SOFT))
-    blur = nearest_blurs(scene)
-    color = np.round(scene.color * 255).astype(np.uint8)
-    # Shapes that have the same exponent and colour share a gradient. Shapes that have the same blur
-    # share a filter.
-    kind = np.where(blurred, len(BETA_CLASSES) + blur, nearest_class(scene.beta))
-    keys = np.column_stack([kind, np.where(blurred[:, None], 0, color)])[~plain]
-    shared, entry, uses = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-    # The definitions that are used most often get the shortest ids. The argsort of an argsort is
-    # the rank of each definition.
-    areas = area_elements(written, decimals)
-    first = len(areas.definitions)
-    ids = [short_id(first + k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
-    links = np.full(len(scene), None, dtype=object)
-    links[~plain] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
-
+    blurs = [BLURS[k] for k in nearest_blurs(scene)[blurred]]
     radius, opacity = drawn_radius(scene.beta, plain), scene.opacity.copy()
-    radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
-    opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
+    radius[blurred] = [blur.radius for blur in blurs]
+    opacity[blurred] = np.minimum(opacity[blurred] * [blur.peak for blur in blurs], 1)
     unit = np.where((scene.beta >= LARGE_FROM) & shaded, 100, 1)
     circle = unit * _widened(scene, shaded)
-    shapes = []
-    for i, matrix in enumerate(matrices_of(scene, radius, precision, unit)):
-        alpha = number(min(opacity[i], 1.0), decimals)
-        if matrix and alpha != "0":
-            fill, link = (links[i], None) if shaded[i] else (hex_color(color[i]), links[i])
-            more = {"fill_opacity": unless("1", alpha), "filter": link, "r": number(circle[i], 1)}
-            shapes.append((i, Element("circle", fill=fill, **more, transform=matrix)))
-    # A definition is left out if all shapes that use it are left out.
-    used = set(links[[i for i, _ in shapes]].tolist())
-    definitions = [
-        _definition(name, kind, shade, svg_format.stops)
-        for name, (kind, *shade) in zip(ids, shared, strict=True)
-        if f"url(#{name})" in used
-    ]
-    radius[blurred] *= [1 + CLEAR * BLURS[k].deviation for k in blur[blurred]]
-    half = radius[:, None] * scene.sigma
+    matrices = matrices_of(scene, radius, precision, unit)
+    alphas = [number(value, decimals) for value in opacity]
+    kept = [i for i, alpha in enumerate(alphas) if matrices[i] and alpha != "0"]
+
+    areas, filters, elements = area_elements(written, decimals), np.cumsum(blurred) - 1, []
+    # Shapes that have the same exponent and colour share a gradient. Shapes that have the same blur
+    # share a filter.
+    ids, definitions, first = dict[Any, str](), [*areas.definitions], len(areas.definitions)
+    for i in kept:
+        fill, look = hex_color(np.round(scene.color[i] * 255)), {}
+        if not plain[i]:
+            key = blurs[filters[i]] if blurred[i] else (scene.beta[i], fill)
+            if key not in ids:
+                ids[key] = short_id(first + len(ids))
+                is_blur = isinstance(key, Blur)
+                definition = _filter(key) if is_blur else _gradient(*key, svg_format.stops)
+                definitions.append(definition.replace(id=ids[key]))
+            link = f"url(#{ids[key]})"
+            fill, look = (fill, {"filter": link}) if blurred[i] else (link, {})
+        look = {"fill_opacity": unless("1", alphas[i]), **look, "r": number(circle[i], 1)}
+        elements.append(Element("circle", fill=fill, **look, transform=matrices[i]))
+    radius[blurred] *= [1 + CLEAR * blur.deviation for blur in blurs]
+    half = (radius[:, None] * scene.sigma)[kept]
     layers_of = ink_layers if svg_format.layers == INKS else round_layers
-    drawing = _drawing(scene, document, shapes, half, areas, precision, layers_of)
-    view = sides_of(scene, precision, 6)
-    return drawing._replace(view=view, definitions=[*areas.definitions, *definitions])
+    scene = scene.select(kept)
+    drawing = _drawing(scene, document, elements, half, areas, precision, layers_of)
+    return drawing._replace(view=sides_of(scene, precision, 6), definitions=definitions)
 
 
 def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Drawing:
@@ -189,33 +167,23 @@ def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Dr
         look = {"paint": color, "opacity": float(area.opacity >= 0.005), "width": width}
         strokes.append(dataclasses.replace(area, **look, cap="butt"))
     lines, scene = in_units(scene.replace(transparent=True), strokes, 0.01, 2)
-    root = {"fill": "none", "stroke-width": number(width, 2)}
-    half = half_radius(scene.beta)[:, None] * scene.sigma + 0.5 * float(root["stroke-width"])
-    shapes, areas = _outlines(scene), area_elements(lines, 2)
-    drawing = _drawing(scene, document, shapes, half, areas, 0.01, transform="scale(.01)")
-    return drawing._replace(root=root)
-
-
-def _outlines(scene: Scene) -> list[tuple[int, Element]]:
-    """Return for each shape its index and an <ellipse> whose stroke has the colour of the shape.
-
-    A shape is left out if its extent or opacity would be written as 0. It is also left out if it is
-    off the canvas and its numbers are too large (gauss2svg.svg.element.writable).
-    """
-    radius = half_radius(scene.beta)
-    axes, angle_rad = scene.ellipse_axes
-    radii, angles = axes * radius[:, None], np.degrees(angle_rad)
-    drawn = []
-    # A shape is left out if its opacity is under 0.005, because two decimals round this to 0.
-    for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
-        rx, ry, x, y, angle = (number(v, 2) for v in (*radii[i], *scene.mean[i], angles[i]))
-        if "0" in (rx, ry):
-            continue
+    scene = scene.select(scene.opacity >= 0.005)
+    radius, (axes, angle_rad) = half_radius(scene.beta), scene.ellipse_axes
+    check_shapes(scene, radius, 1.0)
+    numbers = np.column_stack([axes * radius[:, None], scene.mean, np.degrees(angle_rad)])
+    texts = [[number(v, 2) for v in row] for row in numbers]
+    kept, ellipses = [i for i, (rx, ry, *_) in enumerate(texts) if "0" not in (rx, ry)], []
+    for i in kept:
+        rx, ry, x, y, angle = texts[i]
         turn = None if angle == "0" or rx == ry else f"rotate({angle} {x} {y})"
         stroke = hex_color(np.round(scene.color[i] * 255))
-        ellipse = Element("ellipse", cx=x, cy=y, rx=rx, ry=ry, stroke=stroke, transform=turn)
-        drawn.append((i, ellipse))
-    return drawn
+        place = {"cx": x, "cy": y, "rx": rx, "ry": ry}
+        ellipses.append(Element("ellipse", **place, stroke=stroke, transform=turn))
+    root = {"fill": "none", "stroke-width": number(width, 2)}
+    half = (radius[:, None] * scene.sigma + 0.5 * float(root["stroke-width"]))[kept]
+    scene, areas = scene.select(kept), area_elements(lines, 2)
+    drawing = _drawing(scene, document, ellipses, half, areas, 0.01, transform="scale(.01)")
+    return drawing._replace(root=root)
 
 
 def round_layers(rounds: Sequence[Round]) -> list[Element]:
@@ -240,7 +208,7 @@ def ink_layers(rounds: Sequence[Round]) -> list[Element]:
 def _drawing(
     scene: Scene,
     document: Document,
-    shapes: Sequence[tuple[int, Element]],
+    shapes: Sequence[Element],
     half: Floats,
     areas: AreaElements,
     unit: float,
@@ -249,7 +217,7 @@ def _drawing(
 ) -> Drawing:
     """Return the drawing of areas and shapes in layers, above the background of the scene.
 
-    shapes      pairs of a shape's index in the scene and its element, in the order of the file
+    shapes      elements of the shapes of the scene
     half        (n, 2) half of the sides of the boxes around the shapes, in px
     unit        unit of the areas in px
     layers_of   function that makes layers of the rounds above all areas
@@ -260,8 +228,7 @@ def _drawing(
     if not scene.transparent:
         rect = {"height": "100%", "id": "background", "width": "100%", "x": "0", "y": "0"}
         background = [Element("rect", fill=hex_color(np.round(scene.background * 255)), **rect)]
-    index = [i for i, _ in shapes]
-    boxes = np.vstack([unit * areas.boxes, boxes_of(scene.mean[index], half[index])])
+    boxes = np.vstack([unit * areas.boxes, boxes_of(scene.mean, half)])
     # The inner <svg> is a layer, because otherwise a click in Inkscape would select all of it.
     as_layer = {"inkscape:groupmode": "layer"}
     body = [*background, *lower, *layers_of(rounds)]
@@ -272,18 +239,18 @@ def _drawing(
 
 
 def _layers_by_level(
-    paths: Sequence[Element], drawn: Sequence[tuple[int, Element]], scene: Scene, **attributes: str
+    paths: Sequence[Element], elements: Sequence[Element], scene: Scene, **attributes: str
 ) -> tuple[list[Element], list[Round]]:
     """Return the groups of areas and of the shapes below areas, and the rounds above all areas.
 
     paths       element of each area of the scene
-    drawn       pairs of a shape's index in the scene and its element, in the order of the file
+    elements    elements of the shapes of the scene
     attributes  attributes of each group of areas
     """
     shapes: dict[int, list[Round]] = {}
-    keys = scene.level.tolist(), scene.round_index.tolist()
-    for (level, index), run in groupby(drawn, lambda one: tuple(key[one[0]] for key in keys)):
-        shapes.setdefault(level, []).append((index, [element for _, element in run]))
+    rows = zip(scene.level.tolist(), scene.round_index.tolist(), elements, strict=True)
+    for (level, index), run in groupby(rows, lambda row: row[:2]):
+        shapes.setdefault(level, []).append((index, [element for *_, element in run]))
     above, layers, first, parts = shapes.pop(ABOVE, []), list[Element](), 0, 0
     for level in (*shapes, len(paths)):
         if level > first:
@@ -315,52 +282,43 @@ def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike 
 
     radius     (n,) radius, in sigmas, of the ellipse that is drawn
     precision  user unit in px
-    unit       (n,) radius of the circle, which is a power of ten
+    unit       (n,) radius of the circle, 1 or 100
 
-    A shape is left out if its extent is written as 0, or if it is off the canvas and its numbers
-    are too large. Raise SceneError if a visible shape has such numbers
-    (gauss2svg.svg.element.writable), or if the canvas is too small or too large.
+    A shape is left out if its extent is written as 0. Raise SceneError if a shape or the canvas is
+    too large, or if the canvas is too small.
     """
     check_view(scene, precision)
+    check_shapes(scene, radius, precision)
     unit = np.broadcast_to(unit, len(scene))
     factor, mean = scene.factor * radius[:, None, None], scene.mean / precision
     factor = factor.transpose(0, 2, 1).reshape(-1, 4) / (unit * precision)[:, None]
-    decimals = np.round(portable.log10(unit)).astype(int).tolist()
-    texts = [""] * len(scene)
-    for i in np.flatnonzero(writable(scene, radius, precision, unit)).tolist():
-        a, b, c, d = (number(v, decimals[i]) for v in factor[i])
-        if float(a) * float(d) != float(b) * float(c):
-            texts[i] = f"matrix({a} {b} {c} {d} {number(mean[i, 0], 0)} {number(mean[i, 1], 0)})"
+    texts = []
+    for row, (x, y), radius_in_units in zip(factor, mean, unit.tolist(), strict=True):
+        a, b, c, d = (number(v, 2 if radius_in_units == 100 else 0) for v in row)
+        has_extent = float(a) * float(d) != float(b) * float(c)
+        texts.append(f"matrix({a} {b} {c} {d} {number(x, 0)} {number(y, 0)})" * has_extent)
     return texts
 
 
-def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Element:
-    """Return the gradient for one exponent and colour, or the filter of a blur.
+def _filter(blur: Blur) -> Element:
+    # The region of the filter is the box around the disc, with a margin of CLEAR * deviation times
+    # the radius of the disc. It is written in shares of the box, whose sides are two radii long.
+    margin = number(CLEAR * blur.deviation / 2, 2)
+    size, start = number(1 + 2 * float(margin), 2), f"-{margin}"
+    region = {"height": size, "width": size, "x": start, "y": start}
+    source = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
+    step = Element("feGaussianBlur", **source)
+    # By default a filter works in linearRGB, so colours would be rounded once more.
+    return Element("filter", [step], color_interpolation_filters="sRGB", **region)
 
-    kind   for a gradient, an index into BETA_CLASSES. For a filter, len(BETA_CLASSES) plus an index
-           into BLURS
-    count  number of stops of a gradient whose exponent is 1. Gradients of other exponents may have
-           fewer stops
-    """
-    if kind >= len(BETA_CLASSES):
-        blur = BLURS[kind - len(BETA_CLASSES)]
-        # The region of the filter is the box around the disc, with a margin of CLEAR * deviation
-        # times the radius of the disc. It is written in shares of the box around the disc, whose
-        # sides are two radii long. So the margin is divided by 2.
-        margin = number(CLEAR * blur.deviation / 2, 2)
-        size, start = number(1 + 2 * float(margin), 2), f"-{margin}"
-        region = {"height": size, "id": name, "width": size, "x": start, "y": start}
-        source = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
-        step = Element("feGaussianBlur", **source)
-        # By default a filter works in linearRGB, so colours would be rounded once more.
-        return Element("filter", [step], color_interpolation_filters="sRGB", **region)
-    beta, shade = BETA_CLASSES[kind], hex_color(color)
+
+def _gradient(beta: float, color: str, count: int) -> Element:
     unit, stops = 100 if beta >= LARGE_FROM else 1, []
     for at, value in zip(*gradient_stops(count, beta), strict=True):
-        look = {"stop_color": shade, "stop_opacity": unless("1", number(value, 3))}
+        look = {"stop_color": color, "stop_opacity": unless("1", number(value, 3))}
         stops.append(Element("stop", offset=number(at, 4), **look))
     # With a focus of 0, resvg would be less accurate (docs/decisions/svg.md).
-    return radial_gradient(name, stops, str(unit), number(unit * 0.001, 3))
+    return radial_gradient("", stops, str(unit), number(unit * 0.001, 3))
 
 
 def radial_gradient(key: str, stops: list[Element], r: str = "1", fx: str | None = None) -> Element:
@@ -380,7 +338,9 @@ def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> Floats:
     decimal.
     """
     minor = scene.ellipse_axes[0][:, 1]
-    crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < SOFT_RIM * scene.beta)
-    end = minor * cut_radius(scene.beta)
-    margin = np.where(crisp, CLEAR_OF_THE_RIM / end, 0.0)
-    return 1 + np.minimum(np.ceil(10 * margin) / 10, MOST_MARGIN)
+    # If a rim is at least 1 px wide, the antialiased edge of the circle hardly clips it. Otherwise
+    # the edge must be at least 0.7 px from the end of the gradient (docs/decisions/svg.md). Shapes
+    # that need a circle of over 20 radii are too thin to be visible.
+    crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < scene.beta)
+    margin = np.where(crisp, 0.7 / (minor * cut_radius(scene.beta)), 0.0)
+    return 1 + np.minimum(np.ceil(10 * margin) / 10, 20.0)

@@ -54,13 +54,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby
+from typing import NamedTuple
 from xml.sax.saxutils import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.errors import instance, quoted, refusal
@@ -72,8 +70,8 @@ from gauss2svg.svg.element import (
     Element,
     Floats,
     area_elements,
-    attributes_text,
     boxes_of,
+    check_shapes,
     check_view,
     clipped,
     hex_color,
@@ -82,46 +80,39 @@ from gauss2svg.svg.element import (
     short_id,
     unless,
     with_own_ids,
-    writable,
 )
-from gauss2svg.svg.forms import (
-    Ints,
-    gradient_stops,
-    grey_stops,
-    is_plain,
-    plain_beta,
-    with_falloffs,
-)
+from gauss2svg.svg.forms import Ints, gradient_stops, grey_stops, is_plain, with_falloffs
 
 HEX_DIGITS = (3, 6)  # a colour may have either of these numbers of hex digits
 OPACITY_DIGITS = 2  # default number of decimals of an opacity
-# The first number is how many stops a mask has in a file with fewer than MANY soft shapes. The
-# second number is how many stops it has in a file with MANY or more.
+# Numbers of stops of a mask. The larger one is worth its bytes in a picture that is close: one with
+# areas, or with at least 60 soft shapes under masks (docs/decisions/minimal.md).
 MASK_STOPS = (3, 5)
-
-# The next numbers set the accuracy of a minimal file, and how many of its soft shapes are drawn
-# under masks (docs/decisions/minimal.md). If a file has at least this many soft shapes, each mask
-# gets two more stops (MASK_STOPS). These make the shapes more accurate, and in such a file this is
-# worth the bytes that the stops take.
-MANY = 60
-VIEW_ERROR = 0.02  # largest rounding error of a side of the view box, in user units
-VIEW_ERROR_PX = 0.25  # largest rounding error of a side of the view box, in px
 # If a file has at most this many soft shapes, all of these are drawn under masks. If it has more,
-# some of them get gradients instead, because masks are slow.
+# some of them get gradients instead, because masks are slow. For each soft shape beyond
+# MOST_MASKED, FADING fewer are drawn under masks. If all soft shapes got gradients at once, a
+# single additional shape would make the file larger by a third (docs/decisions/markup.md).
 MOST_MASKED = 500
-# For each soft shape beyond MOST_MASKED, the number of soft shapes under masks becomes smaller by
-# this number. So masks are replaced by gradients gradually. If all soft shapes got gradients as
-# soon as there are more than MOST_MASKED, a single additional shape would make the file larger by a
-# third.
 FADING = 2
 
 # Without userSpaceOnUse, librsvg 2.54 loses shapes that are rotated.
 _UNIT_DISC = {"gradientUnits": "userSpaceOnUse", "cx": "0", "cy": "0", "r": "1"}
-_ROWS = 64  # number of neighbouring shapes that are compared with the others at a time
-_CELLS = 1 << 18  # largest number of pairs that are compared at a time, if a shape has fewer
-# If more shapes than this are over a shape and overlap it, they are not remembered but found again
-# when they are needed. So the memory is proportional to the number of shapes.
-_MOST_REMEMBERED = 256
+
+
+class Rounded(NamedTuple):
+    """A scene as a file draws it, without the shapes and areas that the file leaves out.
+
+    scene    the scene in px, whose n shapes are in the order in which they are drawn
+    numbers  (n, 5) whole numbers of units. A soft shape is a circle of radius 1 with the transform
+             matrix(a b 0 d e f), and has a b d e f. A plain ellipse has those of `arc_numbers`
+    factor   (n, 3) Cholesky factors l11 l21 l22 of the ellipses that are drawn, in user units
+    areas    areas in user units
+    """
+
+    scene: Scene
+    numbers: Floats
+    factor: Floats
+    areas: list[Area]
 
 
 def minimal_svg(
@@ -144,44 +135,37 @@ def minimal_svg(
             many are drawn under masks as MOST_MASKED and FADING allow, and the others by
             gradients
 
-    If opacity_decimals has its default, the file draws as_written(scene, unit, digits). Shapes
-    whose extent or opacity is written as 0 are left out. Title, alt, size and aspect are written if
-    the document has them. If the document has no size, the size of the canvas in px is written in
-    two cases. The first case is that a unit is less than a pixel. The second case is that a side is
-    not a whole number of units. In the second case, resvg would otherwise round the sides of the
-    view box to get a size, and so change the proportions.
+    The file draws rounded(scene, unit, digits, opacity_decimals).scene. Title, alt, size and aspect
+    are written if the document has them. If the document has no size, the size of the canvas in px
+    is written in two cases. The first case is that a unit is less than a pixel. The second case is
+    that a side is not a whole number of units. In the second case, resvg would otherwise round the
+    sides of the view box to get a size, and so change the proportions.
 
     Raise InputError for an additive scene, and for animation or fragments, which need layers.
     """
     document = instance(document, "document", Document)
     document.check_without_layers("minimal markup", "which has no layers", "--markup editable")
-    shapes = shapes_of(scene, unit, digits, opacity_decimals, masked)
-    width, height = (_view_side(side, unit) for side in (scene.width, scene.height))
+    drawn, numbers, factor, written_areas = rounded(scene, unit, digits, opacity_decimals)
+    width, height = (number(side / unit, 6) for side in (scene.width, scene.height))
     named, cover, sides = _title_and_desc(document), [], np.array([float(width), float(height)])
     # A shape is drawn after this number of areas.
-    level = np.where(shapes.level == ABOVE, len(shapes.areas), shapes.level)
-    areas = area_elements(shapes.areas, opacity_decimals, True, set(level.tolist()))
-    a, b, d = shapes.factor.T
-    half = np.stack([a, portable.hypot(b, d)], axis=1)
-    boxes = [areas.boxes, boxes_of(shapes.mean, half)]
+    level = np.where(drawn.level == ABOVE, len(written_areas), drawn.level)
+    areas = area_elements(written_areas, opacity_decimals, True, set(level.tolist()))
+    a, b, d = factor.T
+    boxes = [areas.boxes, boxes_of(drawn.mean / unit, np.stack([a, portable.hypot(b, d)], axis=1))]
     if not scene.transparent:
         across, down = whole = np.ceil(sides)
         fill = _fill(color_levels(scene.background, digits))
         cover = [Element("path", fill=fill, d=f"M0 0h{across:.0f}v{down:.0f}H0")]
         boxes.append(np.array([[0, 0, *whole]]))
-    definitions, drawn = _drawing(
-        shapes, opacity_decimals, stops, len(areas.definitions), is_close=bool(scene.areas)
+    definitions, shapes = _drawing(
+        drawn, numbers, opacity_decimals, stops, masked, len(areas.definitions)
     )
     definitions = areas.definitions + definitions
     # The number of areas below each element. It is larger by 0.5 for an area.
-    below = [(level[i], one) for i, one in drawn]
+    below = [(level[i], one) for i, one in shapes]
     below += [(k + 0.5, path) for k, path in zip(areas.starts, areas.paths, strict=True)]
-    below.sort(key=lambda one: one[0])
-    inside = list[Element]()
-    for is_area, run in groupby(below, key=lambda one: one[0] % 1 > 0):
-        # Names of attributes by which elements are put into groups, and then into groups in these.
-        names = [("fill", "stroke-linecap", "stroke-linejoin"), ("stroke", "stroke-width")]
-        inside += _grouped([one for _, one in run], *(names if is_area else [("fill",)]))
+    inside = [one for _, one in sorted(below, key=lambda one: one[0])]
     defs = [Element("defs", definitions)] if definitions else []
     root = {"xmlns": "http://www.w3.org/2000/svg", **_size_and_aspect(document, scene, unit)}
     root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
@@ -192,32 +176,8 @@ def minimal_svg(
 
 
 def as_written(scene: Scene, unit: float, digits: int = 3) -> Scene:
-    """Return the scene that the file of minimal_svg draws.
-
-    The scene does not have the areas and shapes that the file leaves out. Numbers of areas, means,
-    extents, colours, opacities and exponents are those of the file. A plain ellipse gets the
-    exponent of the profile that is closest to it. Arguments and errors are those of minimal_svg.
-    """
-    shapes = shapes_of(scene, unit, digits, OPACITY_DIGITS)
-    plain = shapes.falloff < 0
-    beta = np.array([*BETA_CLASSES, 1.0])[shapes.falloff]
-    beta[plain] = plain_beta(np.sort(unit * shapes.numbers[plain, :2], axis=1)[:, ::-1])
-    # All shapes are in one round, because a minimal file has no layers, and because its shapes are
-    # not in the order of rounds.
-    written = (
-        scene.replace(round_index=None, level=None)
-        .select(shapes.index)
-        .replace(
-            areas=[area.scaled(unit, unit) for area in shapes.areas],
-            level=shapes.level,
-            color=shapes.color / 255,
-            opacity=shapes.opacity,
-            background=color_levels(scene.background, digits) / 255,
-            beta=beta,
-            drawn=np.where(plain, PLAIN, SOFT),
-        )
-    )
-    return _placed(written, shapes.mean, shapes.factor, drawn_radius(beta, plain), unit)
+    """Return the scene that the file of minimal_svg draws. Arguments and errors are the same."""
+    return rounded(scene, unit, digits).scene
 
 
 def whole_unit(width: int, height: int, about: float = 0) -> float:
@@ -234,30 +194,16 @@ def whole_unit(width: int, height: int, about: float = 0) -> float:
     return longer / (fewest * max(1, round(about / fewest)))
 
 
-def _view_side(side: float, unit: float) -> str:
-    """Return a side of the view box in units, as a text.
-
-    The text has the smallest number of decimals at which its error is within VIEW_ERROR and
-    VIEW_ERROR_PX.
-    """
-    units = side / unit
-    error = min(VIEW_ERROR * min(1.0, units), VIEW_ERROR_PX / unit)
-    texts = (number(units, decimals) for decimals in range(11))
-    return next(text for text in texts if abs(float(text) - units) <= error)
-
-
 def _size_and_aspect(document: Document, scene: Scene, unit: float) -> dict[str, str | None]:
     """Return the width, height and preserveAspectRatio of the root.
 
     An attribute that need not be written has the value None.
     """
     sides = document.sides(scene.width, scene.height)
-    canvas = scene.width / unit, scene.height / unit
+    canvas = np.array([scene.width, scene.height]) / unit
     # If the root has no width and height, the picture has as many px as the view box has units, and
-    # resvg rounds these numbers. So width and height are written if a side of the view box is not a
-    # whole number. They are also written if a unit is less than a pixel, because the picture would
-    # be larger than the canvas without them.
-    is_exact = unit >= 1 and all(u >= 0.5 and abs(u - round(u)) <= 1e-9 * u for u in canvas)
+    # resvg rounds these numbers.
+    is_exact = unit >= 1 and np.allclose(canvas, np.maximum(np.round(canvas), 1), 1e-9, 0)
     if sides is None and not is_exact and not document.is_responsive:
         sides = number(scene.width, 3), number(scene.height, 3)
     width, height = sides or (None, None)
@@ -272,46 +218,60 @@ def _title_and_desc(document: Document) -> list[Element]:
 
 
 def _drawing(
-    shapes: Shapes, opacity_decimals: int, stops: int, used: int, is_close: bool
+    scene: Scene,
+    numbers: Floats,
+    opacity_decimals: int,
+    stops: int,
+    masked: bool | None,
+    used: int,
 ) -> tuple[list[Element], list[tuple[int, Element]]]:
     """Return the definitions of the shapes of a file, and the elements of these shapes.
 
     Each element comes with the index of its first shape.
 
-    stops  number of stops of a gradient
-    used   number of ids that are already in use
-    is_close  as in _masked
+    scene, numbers  as in Rounded
+    stops   number of stops of a gradient
+    masked  as in minimal_svg
+    used    number of ids that are already in use
     """
-    by_gradient = np.flatnonzero((shapes.falloff >= 0) & ~shapes.masked)
-    fills = [_fill(color) for color in shapes.color]
-    definitions, uses = _masked(shapes.falloff[shapes.masked], used, is_close)
-    circles: dict[int, Element] = {}
-    if len(by_gradient):
-        more, circles = _gradients(shapes, by_gradient, fills, stops, used + 3 * len(uses))
+    plain, opacities = scene.drawn == PLAIN, [number(v, opacity_decimals) for v in scene.opacity]
+    fills = [_fill(color) for color in np.round(255 * scene.color)]
+    kinds, soft = nearest_class(scene.beta).tolist(), np.flatnonzero(~plain)
+    most = max(MOST_MASKED + FADING * (MOST_MASKED - len(soft)), 0)
+    # The upper shapes get the masks, because they are smaller, so their masks are drawn faster.
+    split = max(len(soft) - {True: len(soft), False: 0, None: most}[masked], 0)
+    by_gradient, by_mask = soft[:split].tolist(), soft[split:].tolist()
+    has_gradient = set(by_gradient)
+    is_close = len(by_mask) >= 60 or bool(scene.areas)
+    definitions, uses = _masked([kinds[i] for i in by_mask], used, MASK_STOPS[is_close])
+    soft_elements = {i: uses[kinds[i]] for i in by_mask}
+    if by_gradient:
+        keys = [(kinds[i], fills[i] or "#000") for i in by_gradient]
+        more, ids = _gradients(keys, stops, used + 3 * len(uses))
         definitions = more + definitions
+        for i, key in zip(by_gradient, keys, strict=True):
+            fills[i] = f"url(#{ids[key]})"
+            soft_elements[i] = Element("circle", r=_circle(kinds[i]))
     # Opaque ellipses of the same colour and level that follow each other share a path. Each
     # translucent ellipse has its own path, because each must be blended separately.
-    opaque = (shapes.falloff < 0) & (np.round(shapes.opacity, opacity_decimals) == 1)
-    elements, firsts = list[Element](), list[int]()
-    keys = zip(fills, shapes.level.tolist(), strict=True)
-    keys = [key if opaque[i] else i for i, key in enumerate(keys)]
+    keys = zip(fills, scene.level.tolist(), strict=True)
+    keys = [key if plain[i] and opacities[i] == "1" else i for i, key in enumerate(keys)]
+    elements = list[tuple[int, Element]]()
     for _, run in groupby(range(len(fills)), lambda i: keys[i]):
         index = list(run)
-        firsts.append(index[0])
-        i, kind = index[0], int(shapes.falloff[index[0]])
-        name = "opacity" if shapes.masked[i] or not circles else "fill-opacity"
-        look = {"fill": fills[i], name: unless("1", number(shapes.opacity[i], opacity_decimals))}
-        if kind < 0:
-            elements.append(Element("path", **look, d=path_data(shapes.numbers[index])))
+        i = index[0]
+        name = "fill-opacity" if i in has_gradient else "opacity"
+        look = {"fill": fills[i], name: unless("1", opacities[i])}
+        if plain[i]:
+            elements.append((i, Element("path", **look, d=path_data(numbers[index]))))
         else:
-            soft = (uses if shapes.masked[i] else circles)[kind]
-            a, b, d, e, f = (number(v, 0) for v in shapes.numbers[i])
+            a, b, d, e, f = (number(v, 0) for v in numbers[i])
             matrix = f"matrix({a} {b} 0 {d} {e} {f})".replace(" -", "-")
-            elements.append(soft.replace(**look, transform=matrix))
-    return definitions, list(zip(firsts, elements, strict=True))
+            elements.append((i, soft_elements[i].replace(**look, transform=matrix)))
+    return definitions, elements
 
 
-def _fill(levels: Ints) -> str | None:
+def _fill(levels: Ints | Floats) -> str | None:
     """Return a colour (3,) in levels of 255 as #rrggbb or #rgb.
 
     Return None for black, which is the default and need not be written.
@@ -319,78 +279,62 @@ def _fill(levels: Ints) -> str | None:
     return unless("#000", hex_color(levels))
 
 
-def _most_used(falloff: Ints) -> list[int]:
-    """Return the distinct values of `falloff` (n,), from the most to the least frequent one."""
-    uses = Counter(falloff.tolist())
-    return sorted(uses, key=lambda kind: (-uses[kind], kind))
-
-
-def _masked(falloff: Ints, used: int, is_close: bool) -> tuple[list[Element], dict[int, Element]]:
+def _masked(kinds: list[int], used: int, count: int) -> tuple[list[Element], dict[int, Element]]:
     """Return definitions of circles under masks, and elements that refer to these circles.
 
-    For each class in `falloff` (n,) there are three definitions: a circle, its mask, and the
+    For each distinct class in `kinds` there are three definitions: a circle, its mask, and the
     gradient in the mask. The second result maps each class to a <use> that refers to the circle of
-    the class.
+    the class. The commonest class has the first id.
 
-    used  number of ids that are already in use
-    is_close  whether the picture is close enough for masks of more stops
+    used   number of ids that are already in use
+    count  number of stops of a gradient
     """
-    kinds = _most_used(falloff)
-    count = MASK_STOPS[int(len(falloff) >= MANY or is_close)]
-    uses, definitions = {}, []
-    for k, kind in enumerate(kinds):
-        name, mask, ramp = (short_id(used + k + part * len(kinds)) for part in range(3))
-        uses[kind] = Element("use", href=f"#{name}")
+    uses, definitions = dict[int, Element](), list[Element]()
+    for kind, _ in Counter(sorted(kinds)).most_common():
+        name, mask, ramp = (short_id(used + 3 * len(uses) + part) for part in range(3))
         stops = [
             Element("stop", offset=number(at, 3), stop_color=_fill(np.full(3, 17 * grey)))
             for at, grey in zip(*grey_stops(count, BETA_CLASSES[kind]), strict=True)
         ]
-        r, first = _circle(kind), f"#{short_id(used + 2 * len(kinds))}"
-        disc = {"href": first} if k else _UNIT_DISC
+        r, disc = _circle(kind), {"href": f"#{short_id(used + 2)}"} if uses else _UNIT_DISC
         definitions += [
             Element("radialGradient", stops, id=ramp, **disc),
             Element("mask", [Element("circle", r=r, fill=f"url(#{ramp})")], id=mask),
             Element("circle", id=name, r=r, mask=f"url(#{mask})"),
         ]
+        uses[kind] = Element("use", href=f"#{name}")
     return definitions, uses
 
 
 def _gradients(
-    shapes: Shapes, index: Ints, fills: list[str | None], stops: int, used: int
-) -> tuple[list[Element], dict[int, Element]]:
-    """Return the definitions of gradients, and a circle for each exponent.
+    keys: list[tuple[int, str]], stops: int, used: int
+) -> tuple[list[Element], dict[tuple[int, str], str]]:
+    """Return the definitions of gradients, and the id of the gradient of each key.
 
     The definitions are a style sheet, a gradient for each exponent, and a gradient for each pair of
     an exponent and a colour, which refers to the gradient of the exponent.
 
-    index  indices of the shapes that are drawn by gradients
-    fills  fills of all shapes. The fills of the shapes at `index` are replaced by references to the
-           gradients
+    keys   class of the exponent, and the colour, of each shape
     stops  number of stops of a gradient
     used   number of ids that are already in use
     """
-    kinds = _most_used(shapes.falloff[index])
-    rules, definitions, first, ramps = "", [], {}, {}
-    for k, kind in enumerate(kinds, used):
-        name = first[kind] = short_id(k)
-        offsets, values = gradient_stops(stops, BETA_CLASSES[kind])
-        for at, value in enumerate(values):
+    rules, definitions, first = "", list[Element](), dict[int, str]()
+    for kind in sorted({kind for kind, _ in keys}):
+        first[kind] = name = short_id(used + len(first))
+        for at, value in enumerate(gradient_stops(stops, BETA_CLASSES[kind])[1]):
             look = ("" if at else "stop-color:currentColor;") + f"stop-opacity:{number(value, 3)}"
             rules += f'[href="#{name}"] stop{"+stop" * at}{{{look}}}'
         # Because of the fx, resvg draws the gradient by a more accurate algorithm.
         definitions.append(Element("radialGradient", id=name, **_UNIT_DISC, fx=".001"))
-        ramps[kind] = [Element("stop", offset=number(at, 4)) for at in offsets]
-    keys = {i: (int(shapes.falloff[i]), fills[i] or "#000") for i in index.tolist()}
-    ids = {}
-    for k, (key, _) in enumerate(Counter(keys.values()).most_common(), used + len(kinds)):
+    ids = dict[tuple[int, str], str]()
+    for key, _ in Counter(keys).most_common():
         kind, color = key
-        ids[key] = name = short_id(k)
+        ids[key] = name = short_id(used + len(first) + len(ids))
+        offsets = gradient_stops(stops, BETA_CLASSES[kind])[0]
+        ramp = [Element("stop", offset=number(at, 4)) for at in offsets]
         href = f"#{first[kind]}"
-        definitions.append(Element("radialGradient", ramps[kind], id=name, href=href, color=color))
-    for i, key in keys.items():
-        fills[i] = f"url(#{ids[key]})"
-    circles = {kind: Element("circle", r=_circle(kind)) for kind in kinds}
-    return [Element("style", rules), *definitions], circles
+        definitions.append(Element("radialGradient", ramp, id=name, href=href, color=color))
+    return [Element("style", rules), *definitions], ids
 
 
 def _circle(kind: int) -> str:
@@ -399,77 +343,20 @@ def _circle(kind: int) -> str:
     return "1.1" if BETA_CLASSES[kind] >= 6 else "1"
 
 
-def _grouped(
-    elements: Sequence[Element], names: Sequence[str], *inner: Sequence[str]
-) -> list[Element]:
-    """Return the elements, with each run of elements whose attributes `names` are equal in a group.
-
-    A run is left without a group if the group would not make the file shorter.
-
-    inner  names of attributes by which the elements of each run are then put into groups
-    """
-    grouped = []
-    for _, run in groupby(elements, key=lambda one: [one.attributes.get(name) for name in names]):
-        inside = list(run)
-        shared = {name: inside[0].attributes.get(name) for name in names}
-        group = Element("g", **shared)
-        saved = len(attributes_text(group.attributes)) * (len(inside) - 1)
-        is_shorter = saved > len("<g></g>")
-        if is_shorter:
-            inside = [one.replace(**dict.fromkeys(names)) for one in inside]
-        if inner:
-            inside = _grouped(inside, *inner)
-        grouped += [Element("g", inside, **shared)] if is_shorter else inside
-    return grouped
-
-
-@dataclass(frozen=True)
-class Shapes:
-    """The areas of a file, and its n shapes in the order in which they are drawn.
-
-    index    (n,) index of the shape in its scene
-    falloff  (n,) index of its exponent in BETA_CLASSES. -1 for a plain ellipse
-    numbers  (n, 5) five numbers. A soft shape is a circle of radius 1 with the transform
-             matrix(a b 0 d e f), and has the whole numbers a b d e f. A plain ellipse has the
-             numbers that `arc_numbers` returns
-    mean     (n, 2) centre of the ellipse that is drawn, in user units
-    factor   (n, 3) Cholesky factor l11 l21 l22 of that ellipse, in user units
-    masked   (n,) whether the shape is a soft one that is drawn under a mask, not by a gradient
-    color    (n, 3) colour in levels, 0..255
-    opacity  (n,) opacity, 0..1
-    level    (n,) number of areas of the file that lie below the shape. ABOVE: all
-    areas    areas of the file, in user units
-    """
-
-    index: Ints
-    falloff: Ints
-    numbers: Floats
-    mean: Floats
-    factor: Floats
-    color: Ints
-    opacity: Floats
-    level: NDArray[np.int32]
-    masked: NDArray[np.bool_]
-    areas: list[Area]
-
-
-def shapes_of(
-    scene: Scene, unit: float, digits: int, opacity_decimals: int, masked: bool | None = None
-) -> Shapes:
-    """Return the areas and shapes that the file of a scene has.
+def rounded(
+    scene: Scene, unit: float, digits: int = 3, opacity_decimals: int = OPACITY_DIGITS
+) -> Rounded:
+    """Return what the file of a scene draws.
 
     A shape is left out if its extent or opacity is written as 0. `in_units` says which areas are
-    left out.
+    left out. Numbers of areas, means, extents, colours, opacities and exponents are those of the
+    file. All shapes are in one round, because a minimal file has no layers.
 
     unit    user unit in px
     digits  number of hex digits of a colour, 3 or 6
-    masked  whether all soft shapes are drawn under masks (True), or none (False). If None, the
-            number of soft shapes decides. If there are at most MOST_MASKED, all are drawn under
-            masks. For each soft shape beyond MOST_MASKED, FADING fewer shapes are drawn under
-            masks. The other soft shapes get gradients
 
     Raise InputError if the unit is out of range, and for an additive scene. Raise SceneError if the
-    numbers of a visible shape are too large for a file.
+    numbers of a shape are too large for a file.
     """
     unit = Field("unit", float, 0.001, 1e6).checked(unit)
     if scene.blend == ADD:
@@ -477,50 +364,43 @@ def shapes_of(
         raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)
     check_view(scene, unit)
     areas, scene = in_units(scene, scene.areas, unit, opacity_decimals)
-    kind = nearest_class(scene.beta)
-    plain = is_plain(scene, minimal=True)
+    soft = with_falloffs(scene, np.array(BETA_CLASSES)[nearest_class(scene.beta)])
+    radius = drawn_radius(soft.beta, np.zeros(len(soft), bool))
+    check_shapes(soft, radius, unit)
+    a, b, d = soft.cholesky.T * radius
+    numbers = np.round(np.column_stack([a, b, d, soft.mean]) / unit) + 0.0  # turns -0 into 0
+    # After its numbers are rounded, a soft shape may look the same as a plain ellipse. It would
+    # become an arc when its file is read and written again, so it is one from the start.
+    kept = (numbers[:, 0] * numbers[:, 2] > 0) & (scene.drawn != PLAIN)
+    placed = _placed(soft.select(kept), numbers[kept, 3:], numbers[kept, :3], radius[kept], unit)
+    plain = is_plain(scene)
+    plain[kept] |= is_plain(placed)
+    ellipses = scene.select(plain)
+    numbers[plain] = arc_numbers(ellipses, drawn_radius(ellipses.beta, plain[plain]), unit)
+    extent = np.where(plain, numbers[:, :2].min(axis=1), numbers[:, 0] * numbers[:, 2])
     opacity = np.round(scene.opacity, opacity_decimals)
-    now_plain = np.zeros(0, np.intp)
-    while True:
-        plain[now_plain] = True
-        written = with_falloffs(scene, np.where(plain, scene.beta, np.array(BETA_CLASSES)[kind]))
-        radius = drawn_radius(written.beta, plain)
-        factor = written.factor * radius[:, None, None]
-        entries = [factor[:, 0, 0], factor[:, 1], written.mean]
-        numbers = np.round(np.column_stack(entries) / unit) + 0.0  # adding 0.0 turns -0 into 0
-        numbers[plain] = arc_numbers(written.select(plain), radius[plain], unit)
-        extent = np.where(plain, numbers[:, :2].min(axis=1), numbers[:, 0] * numbers[:, 2])
-        drawn = writable(written, radius, unit) & (extent > 0) & (opacity > 0)
-        # After its numbers are rounded, a soft shape may look the same as a plain ellipse. Such a
-        # shape is made a plain ellipse here, and all shapes are rounded again. Otherwise it would
-        # become an arc when its file is read and written again.
-        soft = np.flatnonzero(drawn & ~plain)
-        mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
-        placed = _placed(written.select(soft), mean[soft], factor[soft], radius[soft], unit)
-        now_plain = soft[is_plain(placed, minimal=True)]
-        if not len(now_plain):
-            break
-    arcs = drawn & plain
+    index = np.flatnonzero((extent > 0) & (opacity > 0))
+    mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
+    arcs = index[plain[index]]
     mean[arcs], factor[arcs] = arc_geometry(numbers[arcs])
-    color, falloff = color_levels(scene.color, digits), np.where(plain, -1, kind)
-    index = np.flatnonzero(drawn)
-    keys = np.stack([mean[:, 0], mean[:, 1], falloff])
+    color, beta = color_levels(scene.color, digits), np.where(plain, BETA_CLASSES[-1], soft.beta)
+    keys = np.stack([mean[:, 0], mean[:, 1], np.where(plain, -1, beta)])
     # Shapes are not moved over or under areas, so each level is ordered by itself.
-    for level in np.unique(scene.level[index[plain[index]]]):
+    for level in np.unique(scene.level[arcs]):
         at = scene.level[index] == level
         own = index[at]
-        order = colors_together(mean[own], factor[own], color[own], keys[:, own], 1 / unit)
-        index[at] = own[order]
-    soft = np.flatnonzero(~plain[index])
-    most = max(MOST_MASKED + FADING * (MOST_MASKED - len(soft)), 0)
-    count = {True: len(soft), False: 0, None: min(len(soft), most)}[masked]
-    is_masked = np.zeros(len(index), bool)
-    # The upper shapes get the masks, because they are smaller, so their masks are drawn faster.
-    is_masked[soft[len(soft) - count :]] = True
-    return Shapes(
-        index, falloff[index], numbers[index], mean[index], factor[index], color[index],
-        opacity[index], scene.level[index], is_masked, areas,
-    )  # fmt: skip
+        index[at] = own[colors_together(mean[own], factor[own], color[own], keys[:, own], 1 / unit)]
+    written = scene.replace(
+        areas=[area.scaled(unit, unit) for area in areas],
+        color=color / 255,
+        opacity=opacity,
+        background=color_levels(scene.background, digits) / 255,
+        beta=beta,
+        drawn=np.where(plain, PLAIN, SOFT),
+        round_index=None,
+    ).select(index)
+    mean, factor, radius = mean[index], factor[index], drawn_radius(beta, plain)[index]
+    return Rounded(_placed(written, mean, factor, radius, unit), numbers[index], factor, areas)
 
 
 def color_levels(color: Floats, digits: int) -> Ints:
@@ -632,107 +512,45 @@ def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
 def projections(mean: Floats, factor: Floats) -> tuple[Floats, Floats]:
     """Return the projections of n ellipses onto twelve lines.
 
-    Return two arrays (12, n): the centres of the projections, and half of their lengths. The first
-    line is along x, and the seventh along y. Two ellipses count as apart if there is a line onto
-    which their projections are apart. The arguments are those of `colors_together`.
+    Return two arrays (12, n): the centres of the projections, and half of their lengths. The
+    arguments are those of `colors_together`.
     """
-    angle_rad = (np.arange(12) * np.pi / 12)[:, None]
+    # Lines that follow each other differ much, so that the first ones rule out most pairs.
+    angle_rad = (5 * np.arange(12) % 12 * np.pi / 12)[:, None]
     x, y = portable.cos(angle_rad), portable.sin(angle_rad)
     l11, l21, l22 = factor.T
     return mean[:, 0] * x + mean[:, 1] * y, portable.hypot(l11 * x + l21 * y, l22 * y)
 
 
-def overlaps(
-    center: Floats,
-    half: Floats,
-    kind: NDArray[np.generic],
-    margin: float,
-    rows: Ints | None = None,
-) -> Iterator[tuple[Ints, Ints]]:
-    """Yield the pairs of shapes of different kinds that overlap, some at a time.
+def overlapping(ellipses: tuple[Floats, Floats], i: int, others: Ints, margin: float) -> Ints:
+    """Return those of the ellipses `others` that overlap the ellipse `i`.
 
-    Each time, yield two arrays: the lower shapes of the pairs, and the upper ones. All pairs of a
-    lower shape come at once and next to each other. The memory that is needed is proportional to
-    the number n of shapes, however many of them overlap.
-
-    center, half  (12, n) what `projections` returns
-    kind          (n,) kind of each shape
-    margin        as in `colors_together`
-    rows          indices of the lower shapes of the pairs. If it is None, they are all shapes
+    ellipses  what `projections` returns. Two ellipses count as apart if there is a line onto which
+              their projections are apart
+    margin    smallest distance at which two projections count as apart
     """
-    sides = [0, 6]  # the lines along x and y, which are tested first, as they rule out most pairs
-    low, high = center[sides] - half[sides], center[sides] + half[sides]
-    rows = np.arange(len(kind)) if rows is None else rows
-    # In this order, most shapes that follow each other have similar sizes and are neighbours.
-    longer = np.maximum((high - low)[:, rows].max(axis=0), 1.0)
-    size = np.ldexp(1.0, np.ceil(portable.log2(longer)).astype(int))
-    rows = rows[np.lexsort([low[0, rows], low[1, rows] // (4 * size), size])]
-    # One more unit makes up for rounding errors. The exact test follows.
-    least, most = low - margin - 1, high + margin + 1
-    for begin in range(0, len(rows), _ROWS):
-        block = rows[begin : begin + _ROWS]
-        first, last = low[:, block].min(axis=1)[:, None], high[:, block].max(axis=1)[:, None]
-        near_block = np.flatnonzero(((least < last) & (most > first)).all(axis=0))
-        step = max(1, _CELLS // len(near_block))
-        for part in np.split(block, range(step, len(block), step)):
-            near = (kind[part, None] != kind[near_block]) & (part[:, None] < near_block)
-            for k in sides:
-                limit = half[k, part, None] + half[k, near_block] + margin
-                near &= np.abs(center[k, part, None] - center[k, near_block]) < limit
-            row, column = np.nonzero(near)
-            row, column = part[row], near_block[column]
-            for c, h in zip(center, half, strict=True):
-                kept = np.abs(c[row] - c[column]) < h[row] + h[column] + margin
-                row, column = row[kept], column[kept]
-            yield row, column
+    for center, half in zip(*ellipses, strict=True):
+        others = others[np.abs(center[others] - center[i]) < half[others] + half[i] + margin]
+    return others
 
 
 def colors_together(mean: Floats, factor: Floats, color: Ints, key: Floats, margin: float) -> Ints:
     """Return an order (n,) of the shapes that draws the same picture with few changes of colour.
 
-    The shapes may be passed in any order that draws this picture. All these orders give the same
-    result.
-
-    A shape must wait for all shapes of other colours that are below it and overlap it. When these
-    have been drawn, the shape is ready. In each step, a share is computed for each colour: the
-    number of its ready shapes, divided by the number of its shapes that are not drawn yet. The
-    colour with the largest share comes next, and all its ready shapes are drawn.
+    Each shape, from bottom to top, joins the lowest run of its colour that is above all runs with
+    shapes of other colours that it overlaps. If there is none, it begins a run.
 
     mean    (n, 2) centres of the ellipses that contain the shapes
     factor  (n, 3) Cholesky factors l11 l21 l22 of these ellipses
     color   (n, 3) colours of the shapes in whole levels
-    key     (k, n) keys for sorting. Shapes of one colour that become ready at the same time are
-            sorted by these keys. The primary key is the last
-    margin  smallest distance at which two ellipses count as apart
+    key     (k, n) keys for sorting the shapes of a run. The primary key is the last
+    margin  as in `overlapping`
     """
     kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
-    ellipses = (*projections(mean, factor), kind, margin)
-    # For each shape, the number of shapes that must be drawn before it and are not drawn yet.
-    waiting = np.zeros(len(mean), np.intp)
-    # For each shape, the shapes that wait for it, or None if there are too many to remember them.
-    above: list[NDArray[np.int32] | None] = [np.zeros(0, np.int32)] * len(mean)
-    for row, column in overlaps(*ellipses):
-        np.add.at(waiting, column, 1)
-        begins = np.flatnonzero(np.diff(row, prepend=-1))
-        for i, over in zip(row[begins].tolist(), np.split(column, begins[1:]), strict=False):
-            above[i] = over.astype(np.int32) if len(over) <= _MOST_REMEMBERED else None
-    kind_of, undrawn = kind.tolist(), np.bincount(kind)
-    ready: list[list[int]] = [[] for _ in undrawn]
-    ready_count, order = np.zeros(len(undrawn)), [np.zeros(0, np.intp)]
-    now_ready = np.flatnonzero(waiting == 0).tolist()
-    while undrawn.any():
-        for i in now_ready:
-            ready[kind_of[i]].append(i)
-            ready_count[kind_of[i]] += 1
-        k = int((ready_count / np.maximum(undrawn, 1)).argmax())
-        chosen = np.sort(ready[k])
-        order.append(chosen[np.lexsort(key[:, chosen])])
-        undrawn[k] -= len(chosen)
-        ready[k], ready_count[k], now_ready = [], 0, []
-        for i in chosen.tolist():
-            over = above[i]
-            if over is None:
-                over = next(overlaps(*ellipses, np.array([i])))[1]
-            waiting[over] -= 1
-            now_ready += over[waiting[over] == 0].tolist()
-    return np.concatenate(order)
+    ellipses, run, kinds = projections(mean, factor), np.zeros(len(mean), np.intp), list[int]()
+    for i, own in enumerate(kind.tolist()):
+        below = overlapping(ellipses, i, np.flatnonzero(kind[:i] != own), margin)
+        least = run[below].max(initial=-1) + 1
+        run[i] = next((k for k in range(least, len(kinds)) if kinds[k] == own), len(kinds))
+        kinds[run[i] :] = kinds[run[i] :] or [own]
+    return np.lexsort([*key, run])

@@ -36,7 +36,7 @@ from gauss2svg.scene.falloff import covered_radius
 from gauss2svg.scene.inks import ink_colors, ink_name, inks_of_scene, oklab
 from gauss2svg.svg import MOST_TRAP
 from gauss2svg.svg.element import Floats
-from gauss2svg.svg.minimal import color_levels, colors_together, overlaps, projections
+from gauss2svg.svg.minimal import color_levels, colors_together, overlapping, projections
 from gauss2svg.svg.read_values import windings
 
 if TYPE_CHECKING:  # not at run time, because only cut files need shapely
@@ -46,15 +46,7 @@ if TYPE_CHECKING:  # not at run time, because only cut files need shapely
 # Two ellipses count as apart if the gap between them is at least this, in px. It is more than 0,
 # because edges are antialiased.
 _MARGIN = 1.0
-# Lines are at most so far from curves, in mm on paper, and in px. Cutters step by 0.025 mm. An
-# ellipse of 3 px, which is a dot in a photo, then has 20 lines.
-TOLERANCE_MM, TOLERANCE_PX = 0.01, 0.05
 CUT_UNIT = 0.01  # px, to which coordinates of cut files are rounded
-# What is thinner than this, in mm on paper, cannot be cut. It becomes a part of a region beside it.
-LEAST_WIDTH_MM = 0.3
-# Parts and holes of a region are left out if they are smaller than this, in px. They are what
-# rounding leaves between edges that meet.
-_LEAST_PART = 1e-3
 _GRID = 1e-3  # px, to which corners of regions are rounded, so that they can be united exactly
 
 
@@ -95,9 +87,9 @@ def plate_of(scene: Scene, tones: Mapping[str, float]) -> Scene:
     # `shows` marks the shapes whose colour on the plate differs from what may be below them. A
     # shape that is not marked is needed only if it covers a part of a marked shape.
     shows = (greys != ground) | bool(areas)
-    ellipses, needed = projections(*_drawn(scene)), shows.copy()
-    for _, upper in overlaps(*ellipses, shows, _MARGIN, np.flatnonzero(shows)):
-        needed[upper] = True
+    ellipses, needed, index = projections(*_drawn(scene)), shows.copy(), np.arange(len(scene))
+    for i in np.flatnonzero(shows).tolist():
+        needed[overlapping(ellipses, i, index[(index > i) & ~needed], _MARGIN)] = True
     plate = scene.replace(
         color=np.repeat(greys[:, None], 3, axis=1),
         areas=areas,
@@ -148,7 +140,9 @@ class Regions:
         self._scene, self._px_per_mm = scene, 1 / mm_per_px
         self.colors = [ink_name(ink) for ink in inks_of_scene(scene)]
         self._page = shapely.box(0, 0, scene.width, scene.height)
-        tolerance = min(TOLERANCE_MM * self._px_per_mm, TOLERANCE_PX)
+        # Lines are at most so far from curves, in px and in mm on paper. Cutters step by 0.025 mm.
+        # An ellipse of 3 px, which is a dot in a photo, then has 20 lines.
+        tolerance = min(0.05, 0.01 * self._px_per_mm)
         self._shapes: list[tuple[str, BaseGeometry]] = []
         if not scene.transparent:
             self._shapes.append((ink_name(scene.background), self._page))
@@ -172,7 +166,8 @@ class Regions:
 
         The thinnest slivers go first, because what lies beside them may then be wide enough.
         """
-        shapely, least = self._shapely, LEAST_WIDTH_MM * self._px_per_mm
+        # What is thinner than this, 0.3 mm on paper, cannot be cut.
+        shapely, least = self._shapely, 0.3 * self._px_per_mm
         regions = {color: self._seen(color) for color in self.colors}
         for width, color in itertools.product((least / 3, least), self.colors):
             slivers = self._slivers(regions[color], width)
@@ -252,14 +247,14 @@ class Regions:
 
     def _area(self, region: BaseGeometry, color: Any) -> list[Area]:
         """Return a region as an area, or no area if it is empty."""
-        outlines = []
+        paths, polygon = [], self._shapely.Polygon
         for part in self._shapely.get_parts(region):
-            if part.area > _LEAST_PART:
-                # shapely has holes run the other way, so they are holes by either fill rule.
-                rings = [ring.coords for ring in (part.exterior, *part.interiors)]
-                size = self._shapely.Polygon
-                outlines += [ring for ring in rings if size(ring).area > _LEAST_PART]
-        paths = [Outline(tuple(ring[:-1]), (False,) * (len(ring) - 1)) for ring in outlines]
+            for ring in (part.exterior, *part.interiors):
+                # What is smaller is left by rounding between edges that meet. shapely has holes run
+                # the other way, so they are holes by either fill rule.
+                if min(part.area, polygon(ring).area) > 1e-3:
+                    points = tuple(ring.coords[:-1])
+                    paths.append(Outline(points, (False,) * len(points)))
         return [Area(tuple(paths), color)] if paths else []
 
     def _of_areas(self, areas: list[Area]) -> Scene:

@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, SOFT, Area
-from gauss2svg.scene.falloff import covered_radius, cut_radius
+from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius, cut_radius
 from gauss2svg.svg import CANVAS, CURRENT_COLOR, read_values
 from gauss2svg.svg.file import (
     INKSCAPE,
@@ -54,7 +54,6 @@ from gauss2svg.svg.file import (
     parse,
     read_source,
 )
-from gauss2svg.svg.forms import plain_beta
 from gauss2svg.svg.read_values import Affine, Fill, color_of, compose, share_of, styled, target_of
 
 # The default limit on the number of elements in a file. The tree of a file with this many elements
@@ -104,8 +103,8 @@ def read_svg(
 
     The covariance of a shape is (M / R)(M / R)^T. M is the linear part of all transforms down to
     the unit circle of its gradient, and R = cut_radius(beta). The exponent of a shape is the one of
-    BETA_CLASSES to which the stops of its gradient belong. A plain ellipse gets the exponent of the
-    profile that it draws best (forms.plain_beta). Numbers are as exact as in the file.
+    BETA_CLASSES to which the stops of its gradient belong. A plain ellipse gets the largest of
+    them. Numbers are as exact as in the file.
 
     The round of a shape comes from the label or the id of its group ("Round 3: ..", "round-3"). It
     is at least the round of the shapes below it. If a group at the top level has no such label or
@@ -419,9 +418,7 @@ class _Reader:
         fills = np.array([(shape.fill.beta, shape.fill.radius) for shape in shapes])
         beta, radius = fills.reshape(-1, 2).T
         plain = beta == 0
-        major = read_values.larger_axis(rows[plain])
-        minor = np.abs(read_values.determinants(rows[plain])) / major
-        beta[plain] = plain_beta(np.stack([major, minor], axis=1))
+        beta[plain] = BETA_CLASSES[-1]
         radius[plain] = covered_radius(beta[plain])
         try:
             return Scene(

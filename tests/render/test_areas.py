@@ -1,42 +1,25 @@
 """Properties of the raster of areas and lines: the kernels, their readable twin and resvg."""
 
-from collections.abc import Iterable, Sequence
-
 import numpy as np
 import pytest
-from both_renderers import OFF, TORCH, drawn, in_both, tensors_of
-from hypothesis import given
+from both_renderers import drawn, in_both, tensors_of
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scenes import random_scene, with_levels
 from with_torch import torch
 
-from gauss2svg.errors import InputError
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render, render_rgba
-from gauss2svg.render.areas import _add_path, coverage_of, draw_areas, ground_of
+from gauss2svg.render.areas import coverage_of, draw_areas, ground_of
 from gauss2svg.render.reference import render_reference
-from gauss2svg.scene import ABOVE, OVER, PLAIN, SOFT, Scene
+from gauss2svg.scene import ABOVE, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline, RadialGradient
 
 BOX = (-2, 3, 11, 8)  # left, top, width, height
 WIDE = (-60, -60, 160, 160)
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
-# Quarters, so that many edges are level or upright, and many lie on borders of pixels.
-coordinates = st.one_of(st.integers(-24, 64).map(lambda i: i / 4), st.floats(-8, 18))
-nodes = st.tuples(coordinates, coordinates)
-
-
-@st.composite
-def outlines(draw, curves=True):
-    """Closed outlines that leave the box on each side. Many have equal neighbouring points."""
-    curved = draw(st.lists(st.booleans() if curves else st.just(False), min_size=2, max_size=6))
-    count = len(curved) + 2 * sum(curved)
-    points = [draw(nodes)]
-    while len(points) < count:
-        points.append(points[-1] if draw(st.integers(0, 5)) == 0 else draw(nodes))
-    return Outline(tuple(points), tuple(curved))
 
 
 def star(seed: int, curved: bool = True) -> Outline:
@@ -53,77 +36,19 @@ def moved(outline: Outline, matrix, offset) -> Outline:
     return Outline(tuple(map(tuple, points)), outline.curved, outline.closed)
 
 
-# The readable twin of the kernels of gauss2svg/core/coverage.c.
-SAGITTA = 0.01  # largest distance in px of a curve from the edges of its polygon
+def polygon_of(outline: Outline) -> NDArray[np.float64]:
+    """Return the vertices (n, 2) of a closed outline whose curves have 2000 edges each."""
+    t = np.arange(2000)[:, None] / 2000
+    weights = (1 - t) ** 3, 3 * (1 - t) ** 2 * t, 3 * (1 - t) * t**2, t**3
+    curves = [sum(map(np.multiply, weights, segment)) for segment in outline.segments]
+    return np.concatenate(curves)
 
 
-def counts_of(outline: Outline) -> list[int]:
-    """The numbers of edges by which the kernels draw the segments of an outline."""
-    pairs = zip(outline.segments, outline.curved, strict=True)
-    bends = ((np.hypot(*np.diff(p, 2, axis=0).T).max() if curved else 0) for p, curved in pairs)
-    return [int(np.sqrt(0.75 / SAGITTA * bend)) + 1 for bend in bends]
-
-
-def polygon_of(outline: Outline, counts: Sequence[int]) -> NDArray[np.float64]:
-    """Return the vertices (n, 2) of a closed outline whose segments have so many edges."""
-    parts = []
-    for segment, is_curve, count in zip(outline.segments, outline.curved, counts, strict=True):
-        t = np.arange(count)[:, None] / count
-        start, one, two, end = segment
-        if is_curve:
-            curve = (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * one + 3 * (1 - t) * t**2 * two
-            parts.append(curve + t**3 * end)
-        else:
-            parts.append((1 - t) * start + t * end)
-    return np.concatenate(parts)
-
-
-def winding(
-    polygons: Iterable[NDArray[np.float64]], left: float, top: float, width: int, height: int
-) -> NDArray[np.float64]:
-    """Return the winding number (height, width) of polygons, averaged over each pixel of a box.
-
-    It is the signed area of the part of the polygons that lies inside the pixel.
-    """
-    area = np.zeros((height, width))
-    for polygon in polygons:
-        for row in range(height):
-            strip = _half(_half(polygon, 1, top + row, 1), 1, top + row + 1, -1)
-            for column in range(width):
-                part = _half(_half(strip, 0, left + column, 1), 0, left + column + 1, -1)
-                x, y = (part - [left + column, top + row]).T
-                area[row, column] += 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
-    return area
-
-
-def _half(polygon: NDArray[np.float64], axis: int, bound: float, side: int) -> NDArray[np.float64]:
-    """Return the part of a polygon (n, 2) on one side of an upright or level line.
-
-    side  1 for coordinates above the bound, and -1 for those below it
-
-    This is a step of the algorithm of Sutherland and Hodgman. An edge that crosses the line gets a
-    vertex there, and vertices on the other side are left out.
-    """
-    before = np.roll(polygon, 1, axis=0)
-    depth, depth_before = (side * (p[:, axis] - bound) for p in (polygon, before))
-    crosses = (depth >= 0) != (depth_before >= 0)
-    share = depth_before / np.where(crosses, depth_before - depth, 1)
-    crossing = before + share[:, None] * (polygon - before)
-    vertices = np.stack([crossing, polygon], axis=1)
-    return vertices[np.stack([crosses, depth >= 0], axis=1)]
-
-
-@given(st.lists(outlines(), min_size=1, max_size=2))
-def test_kernels_cover_what_the_polygons_cover(paths):
-    polygons = [polygon_of(path, counts_of(path)) for path in paths]
-    exact = np.minimum(abs(winding(polygons, *BOX)), 1)
-    np.testing.assert_allclose(coverage_of(Area(tuple(paths), BLACK), *BOX), exact, atol=1e-9)
-
-
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_an_area_covers_its_area(seed, has_hole):
     outline = star(seed)
-    x, y = polygon_of(outline, [2000] * len(outline.curved)).T
+    x, y = polygon_of(outline).T
     area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
     length = np.hypot(np.diff(x), np.diff(y)).sum()
     paths = [outline]
@@ -132,9 +57,10 @@ def test_an_area_covers_its_area(seed, has_hole):
         paths.append(moved(back, np.eye(2) / 3, [13, 14]))
         area *= 8 / 9
     covered = coverage_of(Area(tuple(paths), BLACK), 0, 0, 40, 40)
-    assert covered.sum() == pytest.approx(area, abs=1.4 * length * SAGITTA)
+    assert covered.sum() == pytest.approx(area, abs=0.014 * length)  # curves are off by 0.01 px
 
 
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(CAPS), st.sampled_from([0, 0.4, 5.0]))
 def test_turned_and_mirrored_outlines_cover_turned_and_mirrored_pixels(seed, cap, width):
     outline = star(seed)
@@ -156,19 +82,18 @@ PICTURES = {
     "hole": Area((Outline(LOOP, (True, False, False, False)), Outline(HOLE, (False,) * 4)), BLACK),
     "inside out": Area((Outline(LOOP[::-1], (False, False, True, False)),), BLACK),
 }
-for _cap in CAPS:
-    _width = {"butt": 5.3, "round": 4.0, "square": 0.7}[_cap]
-    for _name, _outline in {
-        "corners": Outline(SHARP, (False,) * 3, False),
-        "curve": Outline(CURVES, (False, True), False),
-        "closed": Outline(LOOP, (True, False, False, False)),
-        "closed corners": Outline(SHARP, (False,) * 4),
-        "equal points": Outline((SHARP[0], *SHARP[:2], *SHARP[1:]), (False,) * 5, False),
-        "handle on node": Outline(
-            ((9, 9), (9, 9), (50, 8), (50, 50), (20, 50)), (True, False), False
-        ),
-        "dot": Outline(((30.2, 20.4), (30.2, 20.4)), (False,), False),
-    }.items():
+OUTLINES = {
+    "corners": Outline(SHARP, (False,) * 3, False),
+    "curve": Outline(CURVES, (False, True), False),
+    "closed": Outline(LOOP, (True, False, False, False)),
+    "closed corners": Outline(SHARP, (False,) * 4),
+    "equal points": Outline((SHARP[0], *SHARP[:2], *SHARP[1:]), (False,) * 5, False),
+    "handle on node": Outline(((9, 9), (9, 9), (50, 8), (50, 50), (20, 50)), (True, False), False),
+    "dot": Outline(((30.2, 20.4), (30.2, 20.4)), (False,), False),
+}
+for _k, (_name, _outline) in enumerate(OUTLINES.items()):
+    for _cap in CAPS if _name == "corners" else [CAPS[_k % 3]]:
+        _width = {"butt": 5.3, "round": 4.0, "square": 0.7}[_cap]
         PICTURES[f"{_name}, {_cap}"] = Area((_outline,), BLACK, width=_width, cap=_cap)
 
 
@@ -198,8 +123,7 @@ def test_areas_and_lines_cover_what_resvg_covers(name):
     np.testing.assert_allclose(coverage_of(PICTURES[name], 0, 0, 64, 64), exact, atol=0.02)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1e9 / 64, 1e-9])
-@pytest.mark.parametrize("width", [0.0, 1e-6, 3.0, 1e9])
+@pytest.mark.parametrize(("scale", "width"), [(1.0, 1e9), (1e9 / 64, 0.0), (1e-9, 1e-6)])
 def test_extreme_areas_cover_shares(scale, width):
     for area in PICTURES.values():
         if width == 0 and not all(outline.closed for outline in area.outlines):
@@ -207,14 +131,6 @@ def test_extreme_areas_cover_shares(scale, width):
         drawn = Area(area.scaled(scale, scale).outlines, BLACK, width=width, cap=area.cap)
         covered = coverage_of(drawn, *BOX)
         assert ((covered >= 0) & (covered <= 1)).all()
-
-
-def test_points_that_are_no_numbers_cover_nothing():
-    # An Outline refuses them, but a solver that calls the kernels may return them.
-    sums = np.zeros((8, 13))
-    segments = np.tile([[np.nan, 1], [np.nan, 2], [np.nan, 4], [np.nan, 6.5]], (2, 1, 1))
-    _add_path(8, 11, 0.0, 0.0, sums, 2, segments, np.array([True, False]), True, 0.0, 0)
-    assert not sums.any()
 
 
 def scene_of(seed: int) -> Scene:
@@ -230,30 +146,7 @@ def scene_of(seed: int) -> Scene:
 
 
 @in_both
-@given(st.integers(0, 2**16))
-def test_gaussians_lie_over_the_areas(dtype, seed):
-    scene = scene_of(seed)
-    ground = np.full((8, 9, 3), scene.background)
-    y, x = np.mgrid[:8, :9] + 0.5
-    for area in scene.areas:
-        paint = area.paint
-        color = np.array(paint) if isinstance(paint, tuple) else paint.at(x, y)
-        alpha = area.opacity * coverage_of(area, 0, 0, 9, 8)[:, :, None]
-        ground = (1 - alpha) * ground + alpha * color
-    image = render(scene, dtype=dtype)
-    assert image.dtype == dtype
-    without = scene.replace(areas=())
-    for y, x in ((2, 3), (4, 5), (6, 2)):
-        over_ground = render(without.replace(background=ground[y, x]), dtype=np.float64)
-        np.testing.assert_allclose(image[y, x], over_ground[y, x], atol=1e-5)
-    np.testing.assert_allclose(image, render_reference(scene), atol=1e-5)
-    alone = np.full((8, 9, 3), scene.background, dtype)
-    draw_areas(scene.areas, alone)
-    empty = Scene(9, 8, background=scene.background, areas=scene.areas)
-    np.testing.assert_array_equal(render(empty, dtype=dtype), alone)
-
-
-@in_both
+@settings(max_examples=5)
 @given(st.integers(0, 2**16))
 def test_a_gaussian_lies_over_the_areas_of_its_level_and_under_the_others(dtype, seed):
     scene = with_levels(scene_of(seed), seed).replace(drawn=[PLAIN, SOFT, PLAIN, SOFT])
@@ -275,21 +168,6 @@ def torch_ground(scene: Scene, dtype: type = np.float64, backdrop=None) -> torch
     return torch.from_numpy(ground_of(scene, 8, 9, dtype, backdrop)).movedim(0, -1)
 
 
-@in_both
-@given(st.integers(0, 2**16))
-def test_torch_draws_gaussians_over_the_raster_of_what_is_below(dtype, seed):
-    scene = with_levels(scene_of(seed), seed)
-    above = scene.select(scene.level == ABOVE).replace(areas=())
-    *shapes, _, beta = tensors_of(above, TORCH[dtype])
-    for fast in (False, True):
-        image = drawn(above, [*shapes, torch_ground(scene, dtype), beta], fast).detach()
-        np.testing.assert_allclose(image, render(scene, dtype=dtype), atol=OFF[OVER][dtype])
-        with pytest.raises(InputError, match=r"background must be of shape \(3,\) or \(8, 9, 3\)"):
-            drawn(above, [*shapes, torch.zeros((7, 9, 3)), beta], fast)
-        with pytest.raises(InputError, match="sigma must be of shape"):
-            drawn(above, [shapes[0], torch.ones(99, 2), *shapes[2:], torch.zeros(3), beta], fast)
-
-
 def drawn_by_levels(scene: Scene, tensors: list[torch.Tensor], fast: bool) -> torch.Tensor:
     """The picture of tensors in place of the parameters of all Gaussians, those below areas too."""
     *shapes, image, beta = tensors
@@ -304,16 +182,18 @@ def drawn_by_levels(scene: Scene, tensors: list[torch.Tensor], fast: bool) -> to
     return image
 
 
-@pytest.mark.parametrize("fast", [False, True])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("fast", "seed"), [(False, 0), (True, 1)])
 def test_gradients_of_gaussians_above_and_below_areas_are_finite_differences(seed, fast):
     scene = scene_of(seed).replace(level=[1, 2, ABOVE, ABOVE], sigma=np.full((4, 2), 2.0))
     tensors = tensors_of(scene)
     image = drawn_by_levels(scene, tensors, fast).detach()
     np.testing.assert_allclose(image, render(scene, dtype=np.float64), atol=1e-12)
-    assert torch.autograd.gradcheck(lambda *args: drawn_by_levels(scene, list(args), fast), tensors)
+    assert torch.autograd.gradcheck(
+        lambda *args: drawn_by_levels(scene, list(args), fast), tensors, fast_mode=True
+    )
 
 
+@settings(max_examples=5)
 @given(st.integers(0, 2**16))
 def test_alpha_of_areas_is_that_of_both_backgrounds(seed):
     scene = with_levels(scene_of(seed), seed).replace(transparent=True, drawn=[PLAIN, SOFT] * 2)
@@ -323,6 +203,7 @@ def test_alpha_of_areas_is_that_of_both_backgrounds(seed):
         np.testing.assert_allclose(over(rgba, backdrop), shown, atol=1e-5)
 
 
+@settings(max_examples=5)
 @given(st.integers(0, 2**16), st.sampled_from([(18, 16), (45, 8), (7, 600)]))
 def test_a_scaled_scene_has_scaled_areas(seed, size):
     scene = with_levels(scene_of(seed), seed)

@@ -7,17 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from gauss2svg.photo.pixels import over
-from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import render_planar, splats_of, squared_error
 from gauss2svg.render.reference import render_reference
-from gauss2svg.scene import PLAIN, SOFT, Scene
+from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import (
     coverage,
     covered_radius,
     cut_radius,
     profile,
-    square_integral,
 )
 
 WIDTH, HEIGHT = 45, 34
@@ -65,16 +62,6 @@ def test_kernel_draws_the_formula(dtype, seed, on_a_pixel):
     assert wrong.sum() <= (1 if dtype is np.float32 else 0)
 
 
-def test_only_plain_shapes_cover_shares_of_pixels():
-    scene = ellipses(8, 1)
-    mixed = scene.replace(drawn=np.tile([PLAIN, SOFT], 4))
-    assert np.abs(render(mixed) - render(scene)).max() > 0.05
-    np.testing.assert_allclose(render(mixed), slow(mixed), atol=1e-5)
-    clear = scene.replace(transparent=True)
-    over_it = over(render_rgba(clear), tuple(clear.background))
-    np.testing.assert_allclose(over_it, render(clear), atol=1e-5)
-
-
 @given(seed=st.integers(0, 2**32 - 1))
 def test_coverage_is_what_many_samples_of_a_pixel_say(seed):
     scene = ellipses(1, seed, least=1.0, rho=np.zeros(1), mean=np.full((1, 2), 20.3))
@@ -88,8 +75,8 @@ def test_coverage_is_what_many_samples_of_a_pixel_say(seed):
     assert np.abs(covered - sampled).mean() < 0.004
 
 
-@pytest.mark.parametrize("minor", [0.1, 0.2, 0.3])
-def test_no_pixel_is_covered_by_more_than_a_thin_ellipse_has(minor):
+def test_no_pixel_is_covered_by_more_than_a_thin_ellipse_has():
+    minor = 0.2
     radius = covered_radius(np.array([60.0]))[0]
     size = np.array([[12.0, minor / radius]])
     scene = ellipses(1, 0, mean=np.full((1, 2), 20.5), sigma=size, rho=np.zeros(1), beta=[60.0])
@@ -101,8 +88,8 @@ def test_no_pixel_is_covered_by_more_than_a_thin_ellipse_has(minor):
 @in_both
 def test_gradient_is_that_of_differences(dtype):
     """By means, colours and opacities; that by the shape counts the pixel's slope as constant."""
-    size = np.random.default_rng(0).uniform(2, 9, (6, 1))
-    scene = ellipses(6, 2, sigma=np.repeat(size, 2, axis=1), rho=np.zeros(6))
+    size = np.random.default_rng(0).uniform(2, 9, (3, 1))
+    scene = ellipses(3, 2, sigma=np.repeat(size, 2, axis=1), rho=np.zeros(3))
     target = np.random.default_rng(1).random((3, HEIGHT, WIDTH))
     splats = splats_of(scene)
     _, squares, moments, _ = squared_error(splats, target.astype(dtype))
@@ -126,18 +113,11 @@ def test_gradient_is_that_of_differences(dtype):
             assert gradient[place] == pytest.approx(expected, abs=2e-3 * np.abs(gradient).max())
 
 
-@pytest.mark.parametrize("beta", [0.5, 0.505, 0.55, 1.0, 1.7, 3.0, 16.0, 256.0])
-def test_integrals_of_profiles_are_those_of_many_samples(beta):
-    """Also of small exponents, where rounding them to two decimals would be 0.7 % off."""
+@pytest.mark.parametrize("beta", [0.5, 0.505, 1.0, 3.0, 256.0])
+def test_a_plain_ellipse_has_the_integral_of_its_profile(beta):
+    def at(r):
+        return 2 * np.pi * r * float(profile(np.float64(r), beta))
+
     rim = [2**0.5 * 0.99] if beta > 3 else None
-
-    def integral(power: int) -> float:
-        def at(r):
-            return 2 * np.pi * r * float(profile(np.float64(r), beta)) ** power
-
-        cut = float(cut_radius(beta))
-        return quad(at, 0, cut, points=rim, epsabs=1e-13, epsrel=1e-13, limit=500)[0]
-
-    exponent = np.array([beta])
-    assert np.pi * covered_radius(exponent)[0] ** 2 == pytest.approx(integral(1), rel=1e-11)
-    assert square_integral(exponent)[0] == pytest.approx(integral(2), rel=1e-11)
+    exact = quad(at, 0, float(cut_radius(beta)), points=rim, epsabs=1e-13, epsrel=1e-13, limit=500)
+    assert np.pi * covered_radius(np.array([beta]))[0] ** 2 == pytest.approx(exact[0], rel=1e-11)

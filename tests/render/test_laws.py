@@ -2,7 +2,7 @@
 
 import numpy as np
 from both_renderers import TORCH, drawn, in_both, tensors_of
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scenes import extreme_scenes, rounding_of
 from with_torch import torch
@@ -22,6 +22,7 @@ def allowed(scene: Scene, dtype: type) -> float:
 
 
 @in_both
+@settings(max_examples=8)
 @given(st.data(), blends)
 def test_pictures_and_gradients_are_finite(dtype, data, blend):
     scene = data.draw(extreme_scenes(blend))
@@ -42,6 +43,7 @@ def test_pictures_and_gradients_are_finite(dtype, data, blend):
 
 
 @in_both
+@settings(max_examples=8)
 @given(st.data(), blends)
 def test_a_scaled_scene_is_the_scene_rendered_larger(dtype, data, blend):
     scene = data.draw(extreme_scenes(blend, size=(14, 12)))

@@ -19,16 +19,16 @@ from gauss2svg.scene.falloff import BETA_CLASSES
 CUT = 3.0
 GAUSSIANS = (1.0, 1.0)
 
-SIZE = 48, 32
+SIZE = 24, 16
 SCENES = {
-    "scattered": random_scene(40, *SIZE, 20, (1.0, 15.0), GAUSSIANS),
-    "needles": random_scene(20, *SIZE, 21, (0.5, 20.0), GAUSSIANS).replace(
-        rho=np.tile([0.99, -0.99], 10)
+    "scattered": random_scene(20, *SIZE, 20, (1.0, 15.0), GAUSSIANS),
+    "needles": random_scene(10, *SIZE, 21, (0.5, 20.0), GAUSSIANS).replace(
+        rho=np.tile([0.99, -0.99], 5)
     ),
-    "opaque": random_scene(15, *SIZE, 22, (3.0, 12.0), GAUSSIANS).replace(opacity=np.ones(15)),
+    "opaque": random_scene(9, *SIZE, 22, (3.0, 12.0), GAUSSIANS).replace(opacity=np.ones(9)),
     # exponents of a file, rims that are a pixel wide and wider
-    "crisp": random_scene(20, *SIZE, 23, (4.0, 15.0), GAUSSIANS).replace(
-        rho=np.tile([0.5, -0.3], 10), beta=np.resize(BETA_CLASSES[:-1], 20)
+    "crisp": random_scene(10, *SIZE, 23, (4.0, 15.0), GAUSSIANS).replace(
+        rho=np.tile([0.5, -0.3], 5), beta=np.resize(BETA_CLASSES[:-1], 10)
     ),
 }
 

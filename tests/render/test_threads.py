@@ -2,7 +2,6 @@
 
 import os
 import signal
-import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -36,11 +35,10 @@ def test_shares_are_done_at_the_same_time_and_an_exception_is_raised_at_the_end(
 
 
 @pytest.mark.posix
-@pytest.mark.parametrize("loss", ["mse", "l1+ssim"])
-def test_a_forked_process_renders_and_fits_with_threads_of_its_own(loss, threads_given_back, photo):
+def test_a_forked_process_renders_and_fits_with_threads_of_its_own(threads_given_back, photo):
     tiles.threads = 2
-    scene, pixels = random_scene(2000, 200, 160, 1), photo[:40, :40]  # enough for two shares
-    options = {"gaussians": 9, "iterations": 9, "loss": loss}
+    scene, pixels = random_scene(2000, 200, 160, 1), photo[:16, :24]  # enough for two shares
+    options = {"gaussians": 5, "iterations": 5, "loss": "l1+ssim"}
     expected, svg = render(scene), vectorize(pixels, **options).svg
 
     def is_the_same():
@@ -60,25 +58,6 @@ def forked(holds):
         finally:
             os._exit(status)
     return os.waitpid(child, 0)[1] == 0
-
-
-@pytest.mark.posix
-def test_callers_that_begin_at_once_in_a_new_process_share_one_pool(threads_given_back):
-    tiles.threads = 2
-
-    def is_one_pool():
-        begin, threads = threading.Barrier(8, timeout=20), set()
-
-        def call(_):
-            begin.wait()
-            in_shares(lambda *_: threads.add(threading.current_thread()), 2)
-
-        sys.setswitchinterval(1e-6)  # so that a pool is likely made between two steps of another
-        with ThreadPoolExecutor(8, "caller") as callers:
-            list(callers.map(call, range(8)))
-        return len({thread.name for thread in threads}) == len(threads)
-
-    assert all(forked(is_one_pool) for _ in range(4))
 
 
 @pytest.mark.posix

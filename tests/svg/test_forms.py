@@ -1,7 +1,6 @@
 """Properties of forms: stops of gradients, plain ellipses, and blurred discs."""
 
 import re
-from functools import cache
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from conftest import needs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import random_scene
-from scipy.ndimage import gaussian_filter
+from scipy.special import ive
 from stops import optimised_stops
 
 from gauss2svg.measure import metrics
@@ -17,18 +16,14 @@ from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import DRAW_ROTATED_BLURS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import BLURRED, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, half_radius, profile
+from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg import STOP_COUNTS, SvgFormat
 from gauss2svg.svg.forms import (
     BLUR,
     BLURS,
     CLEAR,
     FEWEST_STOPS,
-    LEAST_HALF_WIDTH,
-    OVERFULL,
-    Blur,
     as_written,
-    blurred_disc,
     gradient_stops,
     is_plain,
     known_stops,
@@ -43,10 +38,9 @@ STATED_ERRORS = {
     12: (0.0008, 0.005),
 }  # fmt: skip
 TABLE = [
-    n if n in (3, 6) else pytest.param(n, marks=pytest.mark.nightly)
+    n if n == FEWEST_STOPS else pytest.param(n, marks=pytest.mark.nightly)
     for n in range(FEWEST_STOPS, max(STOP_COUNTS) + 1)
 ]
-ALL = [(count, beta) for count in STOP_COUNTS for beta in BETA_CLASSES]
 
 
 def error_of(offsets, values, beta: float) -> tuple[float, float, float]:
@@ -58,21 +52,21 @@ def error_of(offsets, values, beta: float) -> tuple[float, float, float]:
     return integral, np.sqrt(np.average(error**2, weights=x)), np.abs(error).max()
 
 
-@pytest.mark.parametrize(("count", "beta"), ALL)
-def test_stops_rise_in_offset_fall_to_zero_and_err_as_stated(count, beta):
-    offsets, values = gradient_stops(count, beta)
-    assert len(offsets) == len(values) <= count
-    assert 0 <= offsets[0] < offsets[-1] <= 1
-    assert 0.98 < values[0] <= 1
-    assert values[-1] == 0
-    assert (np.diff(offsets) > 0).all()
-    assert (np.diff(values) <= 0).all()
-    # Sharper profiles err no more than Gaussians do.
-    integral, rms, largest = error_of(offsets, values, beta)
-    assert integral <= 1.25 * error_of(*gradient_stops(count), beta=1.0)[0]
-    if beta == 1:
-        assert rms < STATED_ERRORS[count][0]
-        assert largest < STATED_ERRORS[count][1]
+@pytest.mark.parametrize("count", STOP_COUNTS)
+def test_stops_rise_in_offset_fall_to_zero_and_err_as_stated(count):
+    for beta in BETA_CLASSES:
+        offsets, values = gradient_stops(count, beta)
+        assert len(offsets) == len(values) <= count
+        assert 0 <= offsets[0] < offsets[-1] <= 1
+        assert 0.98 < values[0] <= 1
+        assert values[-1] == 0
+        assert (np.diff(offsets) > 0).all()
+        assert (np.diff(values) <= 0).all()
+        # Sharper profiles err no more than Gaussians do.
+        least = error_of(*gradient_stops(count), beta=1.0)
+        assert error_of(offsets, values, beta)[0] <= 1.25 * least[0]
+    assert least[1] < STATED_ERRORS[count][0]
+    assert least[2] < STATED_ERRORS[count][1]
 
 
 @pytest.mark.parametrize("count", TABLE)
@@ -84,51 +78,40 @@ def test_table_is_what_is_derived(count, beta):
     np.testing.assert_allclose(table, derived, atol=0.02)
 
 
-@pytest.mark.parametrize("ratio", [1.4, 3.4, 12.0])
-def test_profile_is_that_of_a_picture_of_a_disc_blurred(ratio):
-    disc_px, side = 60, 451
-    y, x = np.indices((side, side)) - side // 2
-    distance = np.hypot(x, y)
-    blurred = gaussian_filter(np.clip(disc_px + 0.5 - distance, 0, 1), disc_px / ratio, truncate=6)
-    r = distance[side // 2, side // 2 :] / disc_px
-    np.testing.assert_allclose(blurred_disc(r, ratio), blurred[side // 2, side // 2 :], atol=4e-3)
-
-
-@cache
-def drawn_disc(ratio: float) -> tuple[np.ndarray, np.ndarray]:
-    """Radii, and what a blurred disc has there."""
-    r = np.arange(0.5, 500) / 500 * (1 + 6 / ratio)
-    return r, blurred_disc(r, ratio)
-
-
-def squared_error(blur: Blur, by_sigma: float = 1.0, by_beta: float = 1.0) -> tuple[float, float]:
-    """Squared error of a blurred disc at sigma 1 px, with the best peak, and that peak."""
-    ratio, sigma = 1 / blur.deviation, by_sigma / blur.radius
-    r, drawn = drawn_disc(ratio)
-    wanted = profile(r / sigma, by_beta * blur.beta)
-    peak = (r * wanted * drawn).sum() / (r * drawn * drawn).sum()
-    return (r * (peak * drawn - wanted) ** 2).sum() / sigma**2, peak
+def blurred_disc(r: np.ndarray, ratio: float) -> np.ndarray:
+    """Opacity at radii r of a disc of radius 1, blurred by 1 / ratio, by the integral."""
+    t = (np.arange(300) + 0.5) / 300
+    exponent = -0.5 * (ratio * (r[:, None] - t)) ** 2
+    return (t * ratio**2 * np.exp(exponent) * ive(0, r[:, None] * t * ratio**2)).mean(axis=1)
 
 
 @pytest.mark.parametrize("blur", BLURS)
 def test_the_table_has_the_least_error_in_size_and_exponent_and_its_best_peak(blur):
-    ratio, (least, peak) = 1 / blur.deviation, squared_error(blur)
+    ratio = 1 / blur.deviation
+    r = np.arange(0.5, 500) / 500 * (1 + 6 / ratio)
+    drawn = blurred_disc(r, ratio)
+
+    def squared_error(by_sigma: float = 1.0, by_beta: float = 1.0) -> tuple[float, float]:
+        sigma = by_sigma / blur.radius
+        wanted = profile(r / sigma, by_beta * blur.beta)
+        peak = (r * wanted * drawn).sum() / (r * drawn * drawn).sum()
+        return (r * (peak * drawn - wanted) ** 2).sum() / sigma**2, peak
+
+    least, peak = squared_error()
     assert blur.peak == pytest.approx(peak, rel=1e-5)
     for factors in ((1 + 1e-4, 1), (1 - 1e-4, 1), (1, 1 + 1e-4), (1, 1 - 1e-4)):
-        assert squared_error(blur, *factors)[0] > least
+        assert squared_error(*factors)[0] > least
     # A filter ends where less than half a level is left.
     assert blur.peak * blurred_disc(np.array([1 + CLEAR / ratio]), ratio)[0] < 0.5 / 255
 
 
 @settings(max_examples=5)
 @given(st.integers(0, 10**6), st.sampled_from([0, 12]))
-def test_blurred_shapes_are_large_keep_their_colours_and_share_their_filters(seed, palette):
+def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette):
     scene = random_scene(15, 90, 70, seed, (0.5, 25))
     blurred, index = as_written(scene, BLUR).drawn == BLURRED, nearest_blurs(scene)
-    half = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
-    assert (half[blurred] >= LEAST_HALF_WIDTH).all()
     full = scene.opacity[blurred] * [BLURS[k].peak for k in index[blurred]]
-    assert (full <= 1.001 + OVERFULL).all()
+    assert (full <= 1.021).all()
     assert not (blurred & is_plain(scene)).any()
     kept = as_written(quantize(scene, BLUR, palette), BLUR)
     assert np.abs(render(as_written(kept, BLUR)) - render(kept)).max() < 0.1
@@ -136,8 +119,6 @@ def test_blurred_shapes_are_large_keep_their_colours_and_share_their_filters(see
     used = re.findall(r'filter="url\(#(\w+)\)"', svg)
     assert len(used) == np.count_nonzero(kept.drawn == BLURRED)
     assert set(used) == set(re.findall(r'<filter[^>]* id="(\w+)"', svg))
-    ids = re.findall(r' id="([^"]+)"', svg)
-    assert len(set(ids)) == len(ids)
     if palette:
         first = as_written(scene, BLUR).drawn == BLURRED
         np.testing.assert_allclose(kept.color[first], scene.color[first], atol=0.51 / 255)
@@ -147,24 +128,23 @@ def test_blurred_shapes_are_large_keep_their_colours_and_share_their_filters(see
 @pytest.mark.parametrize(
     ("beta", "opacity", "blurred"),
     [(1, 0.3, True), (1, 1, False), (1.74, 1, True), (4.3, 1, True), (16, 1, False)]
-    + [(beta, opacity, None) for beta in (0.6, 1.3, 2.2, 6.6, 9, 128) for opacity in (0.1, 0.9)],
+    + [(beta, opacity, None) for beta in (0.6, 2.2, 9, 128) for opacity in (0.1, 0.9)],
 )
 def test_blurring_changes_little_or_is_not_done(beta, opacity, blurred):
     scene = Scene(
-        200, 200, mean=[[100, 100]], sigma=[[20, 20]], rho=[0], color=np.ones((1, 3)),
+        99, 99, mean=[[50, 50]], sigma=[[12, 12]], rho=[0], color=np.ones((1, 3)),
         opacity=[opacity], background=np.zeros(3), beta=[beta],
     )  # fmt: skip
     written = as_written(scene, BLUR)
     is_blurred = written.drawn[0] == BLURRED
     assert blurred in (None, is_blurred)
-    if not is_blurred:
-        return
-    blur, r = BLURS[nearest_blurs(scene)[0]], np.linspace(0, 4, 300)
-    sigmas = r * half_radius(blur.beta) / half_radius(beta)
-    drawn = blur.peak * blurred_disc(sigmas / blur.radius, 1 / blur.deviation)
-    differing = opacity * np.abs(drawn - profile(r, beta)).max()
-    assert differing <= 0.09
-    assert np.abs(render(written) - render(scene)).max() <= differing + 0.03
+    if is_blurred:
+        blur = BLURS[nearest_blurs(scene)[0]]
+        r = np.linspace(0, 1 + 3 * blur.deviation, 300)
+        drawn = opacity * blur.peak * blurred_disc(r, 1 / blur.deviation)
+        own = opacity * profile(blur.radius * r, blur.beta)
+        assert np.abs(drawn - own).max() < 0.05
+        assert np.abs(render(written) - render(scene)).max() <= 0.1
 
 
 @pytest.mark.parametrize("renderer", DRAW_ROTATED_BLURS)
