@@ -38,9 +38,6 @@ from gauss2svg.svg.file import (
 from gauss2svg.svg.untrusted import Survey
 
 _MOST_SIDE = 400  # longest side (px) of the pictures that a notebook shows
-# Elements that may change what a web page shows, but do not change a raster. Browsers would draw
-# animations, so gauss2svg.raster refuses an animated file if the renderer is a browser.
-_LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
 
 
 class Enlarged(NamedTuple):
@@ -340,13 +337,6 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
         notes.append(f"text ({texts}) is {how}")
     if pictures := tags.get("image", 0) + tags.get("feImage", 0):
         notes.append(f"embedded images ({pictures}) are measured along with the shapes")
-    left_out = "left out by the renderer"
-    notes += [f"{tag} ({tags[tag]}) is {left_out}" for tag in _LEFT_OUT if tag in tags]
-    if surveyed.is_animated and renderer not in BROWSERS:
-        notes.append(f"animation by CSS is {left_out}")
-    if pages := tags.get("foreignObject", 0):
-        how = "drawn only by browsers" if renderer in BROWSERS else left_out
-        notes.append(f"foreignObject ({pages}) is {how}")
     if surveyed.remarks and renderer not in BROWSERS:
         first, more = ", ".join(surveyed.remarks[:3]), " and more" if surveyed.remarks[3:] else ""
         unknown = f"{renderer} is not known to draw these as browsers do: {first}{more}"

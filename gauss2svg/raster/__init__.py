@@ -29,6 +29,7 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.options import Field, Renderer
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.pixels import has_alpha, over
+from gauss2svg.svg.drawable import UNMET_MEDIA
 from gauss2svg.svg.file import from_root, stretched
 
 RENDERERS: tuple[str, ...] = get_args(Renderer)
@@ -234,12 +235,6 @@ _TURNS = re.compile(
 _TEXTS = re.compile(
     rf"(<!\[cdata\[.*?\]\]>)|<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*", re.DOTALL
 )
-# Matches the rules for animation in the style sheet of a file that this project has animated. These
-# rules apply only if reduced motion is not preferred, so `uses` ignores them.
-_FOR_MOTION = re.compile(
-    r"@media[^{}<>@]{0,200}prefers-reduced-motion\s*:\s*no-preference\s*\)\s*\{"
-    r"(?:[^{}<>]*+\{(?:[^{}<>]*+\{[^{}<>]*+\})*+[^{}<>]*+\})*+"
-)
 
 
 def uses(svg: str, feature: Feature) -> bool:
@@ -254,7 +249,7 @@ def uses(svg: str, feature: Feature) -> bool:
     text = _visible(svg)
     if not any(word in text for word in words.split()):
         return False
-    return re.search(pattern, _FOR_MOTION.sub("", text)) is not None
+    return re.search(pattern, UNMET_MEDIA.sub("", text)) is not None
 
 
 def _visible(svg: str) -> str:

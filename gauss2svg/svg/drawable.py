@@ -1,88 +1,71 @@
-"""The attributes, properties and values that resvg 0.48 and Chromium 156 draw alike, also in CSS.
+"""The elements, attributes, values and CSS that resvg 0.48 and Chromium 156 draw alike.
 
-See docs/decisions/renderers.md. Whatever else SVG or CSS defines gives a remark. Attributes that
-SVG does not define have no effect in any renderer, so they give none.
+resvg ignores what it does not know, so a file that a browser draws exactly may get a low score.
+Whatever SVG or CSS defines and these tables do not have gives a remark
+(docs/decisions/renderers.md). Attributes that SVG does not define have no effect in any renderer,
+so they give none.
 
-Browsers read CSS as tinycss2 does. resvg stops to read a list of declarations at the first one that
-its simple grammar does not have, such as a custom property, a slash or nested brackets.
+resvg stops to read a list of declarations at the first one that its simple grammar does not have.
+CSS beyond this grammar gives one remark, and its effect is not looked for.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import lru_cache
-from typing import Any, NamedTuple
 
-import tinycss2
-from PIL import ImageColor
+from PIL import Image, ImageColor
+from PIL.ExifTags import Base
 
-from gauss2svg.svg.file import SVG
-
-XLINK = "{http://www.w3.org/1999/xlink}"
-ROOT = ":root"  # the name of the root in the tables. It is stretched, and is a box of a page
-# Elements with notes of their own, which say how they are drawn.
-TEXTS = {"text", "tspan", "tref", "textPath", "altGlyph", "foreignObject"}
-
-
-def _each(names: str, value: Any) -> dict[str, Any]:
-    return dict.fromkeys(names.split(), value)
-
-
-# The rest of the tables has regular expressions of values. Chromium places nothing at coordinates
-# of 8 digits. resvg reads neither "20." nor a blank after a number. Atomic groups keep the time of
-# a match linear.
-_NEVER = "(?!)"
-NUMBER = r"[+-]?(?>\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?"
-_SHARE = rf"\s*{NUMBER}%?"
-_SIDE = (
-    r"[+-]?(?:(?>\d(?:\.\d+)?|\.\d+)[eE]\+?0?[0-6](?!\d)"
-    r"|(?>\d{1,7}(?!\d)(?:\.\d+)?|\.\d+)(?:[eE]-\d+)?)(?:px|mm|cm|in|pt|pc|em|%)?"
+ROOT = ":root"  # name of the root in the tables, because the root is stretched
+# Elements that are drawn alike, or not at all.
+_ELEMENTS = re.compile(
+    "svg|g|defs|symbol|use|a|switch|view|path|rect|circle|ellipse|line|polyline|polygon|image"
+    "|(?:linear|radial)Gradient|stop|clipPath|mask|marker|filter|title|desc|metadata|style"
+    "|fe(?:GaussianBlur|Offset|Flood|Blend|Composite|Merge|MergeNode|ColorMatrix|DropShadow"
+    "|ComponentTransfer|Func[RGBA])"
 )
-_LENGTH = rf"\s*{_SIDE}"
-_NAMES = "|".join(["transparent", *sorted(ImageColor.colormap.keys() - {"rebeccapurple"})])
-_N, _PERCENT = rf"\s*{NUMBER}\s*", rf"\s*{NUMBER}%\s*"
+
+
+def _each(names: str, pattern: str) -> dict[str, str]:
+    return dict.fromkeys(names.split(), pattern)
+
+
+# The tables have regular expressions of values. resvg reads neither "20." nor a blank after a
+# number. Atomic groups and possessive quantifiers keep the time of a match linear.
+_NUMBER = r"[+-]?(?>\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?"
+_LENGTH = rf"{_NUMBER}(?:px|mm|cm|in|pt|pc|%)?"
+_COMMA = r"\s*+,?+\s*+"
 _COLOR = (
-    rf"(?i:#(?:[\da-f]{{3,4}}|[\da-f]{{6}}|[\da-f]{{8}})|{_NAMES}"
-    rf"|rgba?\((?:{_N}(?:,{_N}){{2}}|{_PERCENT}(?:,{_PERCENT}){{2}})(?:,{_N})?\)"
-    rf"|rgb\((?:{_N}(?:\s{_N}){{2}}|{_PERCENT}(?:\s{_PERCENT}){{2}})\)"
-    rf"|hsla?\({_N}(?:,{_PERCENT}){{2}}(?:,{_N})?\)|hsl\({_N}(?:\s{_PERCENT}){{2}}\))"
+    rf"(?i:#(?:[\da-f]{{3,4}}|[\da-f]{{6}}|[\da-f]{{8}})|transparent"
+    rf"|{'|'.join(ImageColor.colormap.keys() - {'rebeccapurple'})}"
+    rf"|(?:rgb|hsl)a?\(\s*{_NUMBER}%?(?:\s*,\s*{_NUMBER}%?){{2}}(?:\s*,\s*{_NUMBER})?\s*\))"
 )
 _URL = r"""url\(\s*(?:#[^"'()\\%]*|"#[^"\\%]*"|'#[^'\\%]*')\s*\)"""
-_PAINT = (
-    rf"\s*(?:{_COLOR}|none|currentColor|context-fill|context-stroke"
-    rf"|{_URL}(?:\s+(?:none|currentColor|{_COLOR}))?)\s*"
-)
-_COMMA = r"\s*+,?+\s*+"
-_ALIGN = "(?:Min|Mid|Max)"
 _CALL = (
-    "(?:translate|scale|rotate|skewX|skewY|matrix)"
-    rf"\s*+\(\s*+{NUMBER}(?:{_COMMA}{NUMBER})*+\s*+\)"
+    rf"(?:translate|scale|rotate|skew[XY]|matrix)\s*+\(\s*+{_NUMBER}(?:{_COMMA}{_NUMBER})*+\s*+\)"
 )
-_ABSOLUTE = rf"(?:0|{NUMBER}(?:px|mm|cm|in|pt|pc|em))"
-_FUNCTIONS = (
-    rf"(?:\s*(?:blur\({_ABSOLUTE}?\)|hue-rotate\({NUMBER}(?:deg|grad|rad|turn)\)"
-    rf"|(?:brightness|contrast|grayscale|invert|opacity|saturate|sepia)\((?:{NUMBER}%?)?\)"
-    rf"|drop-shadow\((?:{_COLOR}\s+)?{_ABSOLUTE}(?:\s+{_ABSOLUTE}){{1,2}}(?:\s+{_COLOR})?\)))+"
-)
-# The values of properties that are drawn right. `inherit` and `initial` are drawn right too.
-_PROPERTIES = {
-    **_each("fill stroke", _PAINT),
-    "color": _COLOR,
-    "stop-color": rf"{_COLOR}|currentColor",
-    "flood-color": _COLOR,
-    **_each("opacity fill-opacity stroke-opacity stop-opacity flood-opacity", _SHARE),
-    "stroke-width": rf"\s*(?!-){_SIDE}",
-    "stroke-dasharray": rf"none|{_LENGTH}(?:{_COMMA}{_SIDE})*+\s*+",
+# The values of properties, as attributes and in CSS.
+PROPERTIES = {
+    **_each(
+        "fill stroke",
+        rf"{_COLOR}|none|currentColor|context-(?:fill|stroke)|{_URL}(?:\s+(?:none|{_COLOR}))?",
+    ),
+    **_each("color stop-color flood-color background-color", rf"{_COLOR}|currentColor"),
+    **_each(
+        "opacity fill-opacity stroke-opacity stop-opacity flood-opacity stroke-miterlimit",
+        rf"{_NUMBER}%?",
+    ),
+    "stroke-width": rf"(?!-){_LENGTH}",
+    "stroke-dasharray": rf"none|{_LENGTH}(?:{_COMMA}{_LENGTH})*+",
     "stroke-dashoffset": _LENGTH,
     "stroke-linecap": "butt|round|square",
     "stroke-linejoin": "miter|round|bevel",
-    "stroke-miterlimit": _SHARE,
     **_each("fill-rule clip-rule", "nonzero|evenodd"),
-    **_each("clip-path mask", rf"none|{_URL}"),
-    **_each("marker marker-start marker-mid marker-end", "none"),  # see _EXCEPTIONS
-    "filter": rf"none|(?:\s*{_URL})+|{_FUNCTIONS}",
-    "display": "none|inline|block|inline-block|flex",
+    **_each("clip-path mask filter marker-start marker-end", rf"none|{_URL}"),
+    "display": "none|inline|block|inline-block",
     "visibility": "visible|hidden|collapse",
     "overflow": "visible|hidden|auto|scroll",
     "isolation": "auto|isolate",
@@ -90,257 +73,143 @@ _PROPERTIES = {
     "|soft-light|difference|exclusion|hue|saturation|color|luminosity|normal",
     "paint-order": r"normal|(?:fill|stroke|markers)(?:\s+(?:fill|stroke|markers)){0,2}",
     "mask-type": "luminance|alpha",
-    "vector-effect": "none",
+    **_each("vector-effect marker marker-mid", "none"),
     "image-rendering": "auto|optimizeQuality|high-quality|smooth",
     "color-interpolation": "auto|sRGB",
     "color-interpolation-filters": "sRGB|linearRGB",
-    "background-color": rf"{_COLOR}|none",
-    # CSS takes no blank between numbers, and resvg takes no unit. This leaves what has no unit.
-    "transform": rf"none|(?:(?:scale|matrix)\({_N}(?:,{_N})*+\)\s*+)++",
+    "background": "none|transparent|white|#fff(?:fff)?",
 }
-# Properties that are no attributes, or attributes of another syntax.
-_CSS_ONLY = ["mix-blend-mode", "isolation", "background-color", "marker", "transform"]
-MARKERS = _each("marker marker-start marker-mid marker-end", rf"none|{_URL}")
-# The values of other attributes that are drawn right. All values of all other attributes are.
+# The values of other attributes, in all elements or in one.
 _ATTRIBUTES = {
     **_each("x y width height cx cy r rx ry x1 y1 x2 y2 fx fy fr refX refY", _LENGTH),
-    **_each("markerWidth markerHeight", _LENGTH),
-    **_each("dx dy", NUMBER),
-    "offset": _SHARE,
+    **_each("markerWidth markerHeight offset", _LENGTH),
+    **_each("dx dy", _NUMBER),
     "points": r"[-+.,eE\d\s]*+",
-    "stdDeviation": rf"(?:\s*+,?+\s*+{NUMBER})*+\s*+",
-    # Chromium draws nothing if a side is 0.
-    "viewBox": rf"(?:{_COMMA}{NUMBER}){{2}}(?:{_COMMA}(?![+-]?[0.]+(?:[\s,]|\Z)){NUMBER}){{2}}\s*+",
-    "preserveAspectRatio": rf"\s*(?:none|x{_ALIGN}Y{_ALIGN})?(?:\s+(?:meet|slice))?\s*",
-    **_each(
-        "transform gradientTransform patternTransform",
-        rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+",
-    ),
+    "stdDeviation": rf"{_NUMBER}(?:{_COMMA}{_NUMBER})?",
+    "viewBox": rf"\s*+{_NUMBER}(?:{_COMMA}{_NUMBER}){{3}}\s*+",
+    "preserveAspectRatio": r"\s*(?:none|x(?:M[a-z]{2}Y?){2})?(?:\s+(?:meet|slice))?\s*",
+    **_each("transform gradientTransform", rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+"),
     "orient": r"auto|auto-start-reverse|-?[\d.]+",
-    **_each("pathLength requiredFeatures", _NEVER),
-    **_each(f"href {XLINK}href", r"(?s:#[^\s%]*|\s*(?i:data):.*)|"),
-    "systemLanguage": r"[a-z]{2}(?:-[A-Z]{2})?(?:,\s*[a-z]{2}(?:-[A-Z]{2})?)*",
-    # resvg also reads attributes of these namespaces.
-    **{space + name: _NEVER for space in (SVG, XLINK) for name in ("style", *_PROPERTIES)},
+    "edgeMode": "none",
+    "primitiveUnits": "userSpaceOnUse",
+    **_each("pathLength systemLanguage", "(?!)"),
+    # draw.io ends its files with an empty group of this feature, which is skipped.
+    "requiredFeatures": ".*#Extensibility",
+    **_each("href {http://www.w3.org/1999/xlink}href", r"(?s:#[^\s%]*|\s*(?i:data):.*)|"),
+    **_each("a/href a/{http://www.w3.org/1999/xlink}href", "(?s:.*)"),
+    "style/type": "(?:text/css)?",
+    "style/media": "|all|screen",
+    "feComposite/operator": "over|in|out|atop|xor|arithmetic",
+    **_each("symbol/x symbol/y symbol/width symbol/height symbol/transform", "(?!)"),
+    **_each(f"{ROOT}/x {ROOT}/y {ROOT}/width {ROOT}/height {ROOT}/overflow", "(?s:.*)"),
+    **_each(f"{ROOT}/viewBox {ROOT}/preserveAspectRatio", "(?s:.*)"),
+    **_each(f"{ROOT}/transform {ROOT}/filter {ROOT}/mask {ROOT}/clip-path", "none|"),
 }
-# Patterns for one element, in place of those of the tables above. None stands for any value.
-_EXCEPTIONS: dict[str, dict[str, str | None]] = {
-    ROOT: {
-        **_each("x y width height viewBox overflow preserveAspectRatio", None),
-        "transform": r"none|\s*|translate\(\s*0(?:px)?(?:[\s,]+0(?:px)?)?\s*\)",
-        "display": "inline|block|inline-block",
-        **_each("filter mask clip-path", "none"),
-        "systemLanguage": _NEVER,
-    },
-    **_each("path line polyline polygon use", MARKERS),
-    # draw.io ends its files with an empty group of this feature, which browsers and resvg skip.
-    "g": {**MARKERS, "requiredFeatures": ".*#Extensibility"},
-    "svg": {**MARKERS, **_each("width height", rf"(?!\s*(?:-|[0.]+(?:[a-z%]|\Z))){_LENGTH}")},
-    "a": {**MARKERS, **_each(f"href {XLINK}href", None)},
-    "script": _each(f"href {XLINK}href", None),
-    **_each("clipPath linearGradient radialGradient", _each("display", "inline|block")),
-    "defs": {**_each("display", "inline|block"), "systemLanguage": _NEVER},
-    "marker": {
-        **_each("refX refY", rf"{_LENGTH}|center|left|right|top|bottom"),
-        **_each("opacity clip-path mask filter", "none|1"),
-    },
-    "symbol": _each("x y width height transform", _NEVER),
-    "mask": {"mask": "none", "display": "inline|block"},
-    "pattern": {"overflow": "hidden", "display": "inline|block"},
-    "filter": {"display": "inline|block", **_each(f"href {XLINK}href", _NEVER)},
-    "feTurbulence": {"stitchTiles": "noStitch"},
-    "feGaussianBlur": {"edgeMode": "none"},
-    "feComposite": {"operator": "over|in|out|atop|xor|arithmetic"},
-}
-# Attributes that browsers also take from CSS, and resvg does not.
-_GEOMETRY = {
-    **_each("rect image svg use", "x y width height rx ry"),
-    "circle": "cx cy r",
-    "ellipse": "cx cy rx ry",
-    "path": "d",
-}
-KINDS = {*_EXCEPTIONS, *_GEOMETRY, *TEXTS}
-# Properties that change nothing in a still picture of shapes, those of _check_others apart.
+# Properties of CSS that change nothing in a still picture of shapes.
 _WITHOUT_EFFECT = re.compile(
-    "--.*|-(?:inkscape|moz|ms|o|khtml)-.*|-webkit-(?:tap|touch|user|text|font|print|line|overflow)-.*"
-    "|(?:font|text|letter|word|line|glyph|white-space|list|scroll|flex|align|justify|grid|column|row"
-    "|solid|transition|animation|page|break|backface|object)(?:-.*)?|writing-mode|direction"
-    "|unicode-(?:bidi|range)|.*baseline.*|kerning|cursor|pointer-events|user-select|touch-action|speak"
-    "|will-change|(?:shape|text|color)-rendering|color-(?:scheme|profile)|lighting-color|fill-color"
-    "|shape-(?:inside|padding|margin|subtract)|enable-background|z-index|order|gap|perspective"
-    "|transform-(?:origin|style)|(?:print-color|forced-color)-adjust|(?:accent|caret)-color"
-    "|appearance|vertical-align|quotes|content|hyphens|tab-size|aspect-ratio|contain"
-    "|(?:(?:min|max)-)?(?:width|height)|box-sizing|resize|overflow-(?:wrap|anchor)|float"
-    "|clear|border-radius|outline-(?:offset|color)|stroke-(?:alignment|location)|[xydr]|[cr][xy]|src"
-    "|orphans|widows|backdrop-filter|clip|zoom"
+    "-(?:inkscape|moz|ms|khtml|webkit-(?:tap|touch|user|text|font|print))-.*"
+    "|(?:font|text|letter|word|line|white|list|scroll|solid|transition|page|shape|color)(?:-.+)?"
+    "|writing-mode|direction|unicode-bidi|.*baseline.*|kerning|cursor|pointer-events|user-select"
+    "|touch-action|will-change|enable-background|z-index|vertical-align|(?:min|max)-(?:width|height)"
 )
-# Properties of boxes, which have an effect on the root alone, and their values that have none.
-_BOX = re.compile(
-    r"(?:padding|margin|border|inset|background)(?:-.*)?|position|left|top|right|bottom|box-shadow"
+# Rules of media that a still picture on a white page does not meet.
+UNMET_MEDIA = re.compile(
+    r"@media\s*(?:print|\(\s*prefers-(?:color-scheme\s*:\s*dark"
+    r"|reduced-motion\s*:\s*no-preference)\s*\))\s*"
+    r"\{(?:[^{}<]*+\{(?:[^{}<]*+\{[^{}<]*+\})*+[^{}<]*+\})*+[^{}<]*+\}"
 )
-FONT_SIZE = rf"(?!-){NUMBER}(?:px|pt|em|%)?|none|inherit"  # the sizes that resvg reads
+
+
+def element_remarks(element: str, attributes: Mapping[str, str]) -> Iterator[str]:
+    """Yield remarks on an element, such as 'fill="oklch(...)" on <rect>'."""
+    name = "svg" if element == ROOT else element[:40]
+    # `check` has a note of its own on texts. No renderer has extensions, and Illustrator requires
+    # one for what only Illustrator reads.
+    is_text = element in ("text", "tspan", "tref", "textPath")
+    if is_text or "requiredExtensions" in attributes:
+        return
+    if not _ELEMENTS.fullmatch(name):
+        yield f"<{name}>"
+        return
+    if name.startswith("fe") and 0 < len(attributes.keys() & {"x", "y", "width", "height"}) < 4:
+        yield f"<{name}> with a part of x, y, width and height"
+    for key, value in attributes.items():
+        if key == "style":
+            yield from _style_remarks(element, value, f" on <{name}>")
+            continue
+        pattern = _ATTRIBUTES.get(f"{element}/{key}") or _ATTRIBUTES.get(key) or _property(key)
+        if pattern and not re.fullmatch(pattern, value):
+            yield f'{key.rpartition("}")[2]}="{_brief(value)}" on <{name}>'
+
+
+def sheet_remarks(sheet: str) -> Iterator[str]:
+    """Yield remarks on the text of a style sheet."""
+    css = re.sub(r"/\*.*?(?:\*/|\Z)", "", sheet, flags=re.DOTALL)
+    css = re.sub(r"@(?:charset|namespace)[^;{}]*+;|@font-face\s*\{[^{}]*+\}", "", css)
+    css, end = UNMET_MEDIA.sub("", css).strip(), 0
+    rule = re.compile(r"\s*+([^{}@\\]++)\{([^{}]*+)\}")
+    attribute = r"""\[[\w-]++(?:="[^"\\]*+")?\]"""
+    known = re.compile(
+        rf"\s*+(?:[*\w-]*+(?:[.#][a-zA-Z_-][\w-]*+|{attribute})*+[\s>+]*+)++", re.ASCII
+    )
+    while match := rule.match(css, end):
+        end = match.end()
+        for selector in match[1].split(","):
+            if re.search(r":(?:hover|active|focus|visited|target)\b", selector):
+                continue  # matches nothing in a still picture
+            if known.fullmatch(selector):
+                yield from _style_remarks("", match[2], "")
+            else:
+                yield f"the selector {_brief(selector)}"
+    if css[end:]:
+        yield f"{_brief(css[end:])} in a style sheet"
 
 
 @lru_cache(maxsize=4096)
-def _pattern(element: str, name: str, is_css: bool) -> str | None:
-    """Return the pattern of the values that are drawn right, or None if all values are."""
-    exceptions = _EXCEPTIONS.get(element, {})
-    if name in exceptions:
-        return exceptions[name]
-    if is_css and (name == "all" or name in _GEOMETRY.get(element, "").split()):
-        return _NEVER
-    if name in _PROPERTIES and (is_css or name not in _CSS_ONLY):
-        return f"{_PROPERTIES[name]}|inherit|initial"
-    if not is_css:
-        return _ATTRIBUTES.get(name)
-    if _BOX.fullmatch(name):
-        empty = "0(?:px|%)?|none|auto|static|relative|transparent|(?i:white|#fff|#ffffff)"
-        return rf"(?:(?:{empty})(?:\s+|\Z))+" if element == ROOT else None
-    # Values that change nothing, of whatever property.
-    neutral = "none|auto|normal|0|1|inherit|initial"
-    return None if _WITHOUT_EFFECT.fullmatch(name) else neutral
+def _style_remarks(element: str, style: str, place: str) -> tuple[str, ...]:
+    """Return remarks on a list of declarations, each with the place where the list is."""
+    style, end = re.sub(r"/\*.*?(?:\*/|\Z)", "", style, flags=re.DOTALL), 0
+    value = r"""(?:[^;:{}\\!/"'()]|"[^"\\]*+"|'[^'\\]*+'|\([^()\\]*+\))++"""
+    declaration = re.compile(rf"\s*+(-?[a-z][\w-]*+)\s*+:({value})(?:;[\s;]*+|\Z)")
+    remarks = []
+    while match := declaration.match(style, end):
+        end, name, value = match.end(), match[1], match[2].strip()
+        pattern = _property(name)
+        # The frame of a file reads the sides of the root.
+        is_side = element == ROOT and name in ("width", "height")
+        if pattern is None and (is_side or _WITHOUT_EFFECT.fullmatch(name)):
+            continue
+        if not re.fullmatch(pattern or "none|auto|normal|0(?:px)?|1|inherit|initial", value):
+            remarks.append(f"{name}: {_brief(value)}{place}")
+    if rest := style[end:].strip():
+        remarks.append(f"{_brief(rest)}{place}")
+    return tuple(remarks)
 
 
-@lru_cache(maxsize=4096)
-def matcher(element: str, name: str, is_css: bool = False) -> Callable[[str], Any] | None:
-    """Return a function that tells whether a value is drawn right, or None if all values are."""
-    pattern = _pattern(element, name, is_css)
-    return None if pattern is None else re.compile(pattern).fullmatch
+@lru_cache(maxsize=1024)
+def _property(name: str) -> str | None:
+    return f"{PROPERTIES[name]}|inherit|initial" if name in PROPERTIES else None
 
 
-def has_effect(element: str, name: str) -> bool:
-    """Return whether a property of CSS may change how an element is drawn."""
-    return element not in TEXTS and _pattern(element, name, True) is not None
+def _brief(text: str) -> str:
+    """Return a text for a remark: on one line, and without the arguments of functions."""
+    return " ".join(re.sub(r"\(.*", "(...)", text[:200], flags=re.DOTALL).split())[:40]
 
 
-_COMMENT = r"/\*(?:[^*]|\*(?!/))*+"
-# A search for comments alone would take quadratic time if many are not closed.
-_TO_REMOVE = re.compile(rf"{_COMMENT}(?:\*/|\Z)")
-_GAP = rf"(?:\s|{_COMMENT}\*/)*+"
-IDENT = r"-?[a-zA-Z_][\w-]*+"
-_TERM = (
-    rf"""(?:#[\w-]*+|[+\-.\d][\d.]*+(?:%|{IDENT})?|"(?:[^"\\]|\\.)*+"|'(?:[^'\\]|\\.)*+'|,"""
-    rf"""|{IDENT}(?:\([^)\\]*+\))?)"""
-)
-# One declaration as resvg reads it: a name, terms and the word !important. resvg skips a star
-# before the name, but browsers skip the whole declaration.
-_DECLARATION = re.compile(
-    rf"{_GAP}(\*?)(-?[a-z_][\w-]*+){_GAP}:{_GAP}((?:{_TERM}{_GAP})++)(?:(!){_GAP}important{_GAP})?"
-    rf"(?:(?:;{_GAP})++|(?=\}})|\Z)",
-    re.ASCII | re.DOTALL,
-)
-_WITHOUT_EFFECT_AT = re.compile(
-    "font-face|charset|page|property|namespace|counter-style|(?:-(?:webkit|moz|o)-)?keyframes"
-)
-# Queries of media that a still picture on a white page does not meet.
-_UNMET_MEDIA = re.compile(
-    r"print|speech|\(\s*prefers-color-scheme\s*:\s*dark\s*\)"
-    r"|\(\s*prefers-reduced-motion\s*:\s*no-preference\s*\)"
-)
+def picture_remark(picture: Image.Image, declared: str) -> str | None:
+    """Return a remark on an embedded image that resvg draws otherwise than Chromium.
 
-
-class Declaration(NamedTuple):
-    """A declaration of CSS, with its value as text."""
-
-    name: str
-    value: str
-    is_important: bool
-
-
-class Css(NamedTuple):
-    """A list of declarations.
-
-    by_resvg     those that resvg reads
-    by_browsers  those that browsers read
-    is_same      whether both are known to be the same
+    declared  media type that its address declares, such as "image/png;base64"
     """
-
-    by_resvg: list[Declaration]
-    by_browsers: list[Declaration]
-    is_same: bool
-
-
-@lru_cache(maxsize=4096)
-def css_of(style: str) -> Css:
-    """Return the declarations of the attribute style."""
-    style = re.sub(r"\r\n?|\f", "\n", style)
-    read, end = _by_resvg(style, 0)
-    if re.compile(_GAP).fullmatch(style, end):
-        return Css(read, read, True)
-    return Css(read, _by_browsers(tinycss2.parse_blocks_contents(style, True, True)), False)
-
-
-def rules_of(sheet: str) -> Iterator[tuple[str, list[Any], Css]]:
-    """Yield each selector of a style sheet, as tokens, with its declarations.
-
-    The first item of a tuple is what resvg does not apply: an at-rule around the selector, nested
-    rules, or escapes. It is "" if there is none. Rules that no still picture meets are left out.
-    """
-    sheet = re.sub(r"\r\n?|\f", "\n", sheet)  # tinycss2 does it too, and then counts the lines
-    lines = [0, *(match.end() for match in re.finditer("\n", sheet))]
-
-    def offset(node: Any) -> int:
-        return lines[node.source_line - 1] + node.source_column - 1
-
-    waiting = [("", node) for node in reversed(tinycss2.parse_stylesheet(sheet, True, True))]
-    while waiting:
-        reason, node = waiting.pop()
-        inner: list[tuple[str, Any]] = []
-        if node.type == "qualified-rule" and node.content:
-            begin = offset(node.content[0])
-            if "\\" in sheet[offset(node) : begin]:
-                reason = reason or "escapes in a selector"
-            read, end = _by_resvg(sheet, begin)
-            content = tinycss2.parse_blocks_contents(node.content, True, True)
-            css = Css(read, _by_browsers(content), sheet[end : end + 1] in ("}", ""))
-            for selector in _selectors(node.prelude):
-                yield reason, selector, css
-            inner = [(reason or "nested rules", each) for each in content]
-        elif node.type == "at-rule" and node.content is not None:
-            name, query = node.lower_at_keyword, text_of(node.prelude)
-            is_unmet = name == "media" and _UNMET_MEDIA.fullmatch(query)
-            if not is_unmet and not _WITHOUT_EFFECT_AT.fullmatch(name):
-                rule = f"@{name} {query}".strip()[:60]
-                inner = [
-                    (rule, each) for each in tinycss2.parse_rule_list(node.content, True, True)
-                ]
-        waiting += reversed(inner)
-
-
-def text_of(nodes: list[Any]) -> str:
-    """Return the text of nodes of tinycss2, or a bracket if they are nested too deeply for it."""
-    try:
-        return tinycss2.serialize(nodes).strip()
-    except RecursionError:
-        return "("
-
-
-def _by_resvg(text: str, begin: int) -> tuple[list[Declaration], int]:
-    """Return the declarations that resvg reads from a position on, and where the others begin."""
-    read: list[Declaration] = []
-    while match := _DECLARATION.match(text, begin):
-        read.append(Declaration(match[2], _TO_REMOVE.sub("", match[3]).strip(), bool(match[4])))
-        if match[1]:
-            break
-        begin = match.end()
-    return read, begin
-
-
-def _by_browsers(nodes: list[Any]) -> list[Declaration]:
-    return [
-        Declaration(node.lower_name, text_of(node.value), node.important)
-        for node in nodes
-        if node.type == "declaration"
-    ]
-
-
-def _selectors(prelude: list[Any]) -> Iterator[list[Any]]:
-    """Yield the tokens of each selector of a list, without comments."""
-    part: list[Any] = []
-    for token in prelude:
-        if token == ",":
-            yield part
-            part = []
-        elif token.type != "comment" and (part or token.type != "whitespace"):
-            part.append(token)
-    yield part
+    kind, orientation = picture.format or "", 1
+    media_type = declared.partition(";")[0].strip().lower()
+    if media_type not in ("", f"image/{kind.lower()}", *["image/jpg"] * (kind == "JPEG")):
+        return f"a {kind} declared as {media_type[:40]}"
+    if kind != "WEBP":
+        with suppress(Exception):  # broken data may raise any exception, and browsers ignore them
+            orientation = picture.getexif().get(Base.Orientation, 1)
+    profile = (picture.info.get("icc_profile") or b"sRGB").replace(b"\0", b"")
+    is_plain = picture.mode != "CMYK" and not getattr(picture, "is_animated", False)
+    if is_plain and orientation == 1 and b"sRGB" in profile:
+        return None
+    return f"a {kind} that is turned, animated or not in sRGB"
