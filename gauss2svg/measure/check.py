@@ -37,8 +37,6 @@ from gauss2svg.svg.file import (
 )
 from gauss2svg.svg.untrusted import Survey
 
-_MOST_SIDE = 400  # longest side (px) of the pictures that a notebook shows
-
 
 class Enlarged(NamedTuple):
     """Scores of an enlarged SVG against the larger picture from which its photo was made.
@@ -48,7 +46,7 @@ class Enlarged(NamedTuple):
     scale          size of the comparison divided by the size of the photo
     width, height  size in px at which the two are compared
     psnr           dB, infinite if equal
-    ssim           -1..1, None under 3 px a side
+    ssim           -1..1, None under 11 px a side
     """
 
     scale: float
@@ -63,7 +61,7 @@ class CheckResult:
     """Scores of an SVG against a photo. Both are composited over white unless said otherwise.
 
     psnr           dB, infinite if equal
-    ssim           -1..1, None under 3 px a side
+    ssim           -1..1, None under 11 px a side
     ms_ssim        0..1, None under 176 px a side
     largest_error  largest error of any channel, in levels of 255
     bias           mean of the SVG's raster minus the photo, in levels of 255
@@ -120,11 +118,9 @@ class CheckResult:
             "view_box": list(self.frame.view_box),
             "renderer": self.renderer,
             "transparent": has_alpha(self.photo),
-            "psnr_svg": _finite(self.psnr),
+            **{f"{name}_svg": _finite(getattr(self, name)) for name in ("psnr", "ssim", "ms_ssim")},
             "psnr_svg_black": _finite(self.psnr_black),
             "psnr_svg_alpha": _finite(self.psnr_alpha),
-            "ssim_svg": self.ssim,
-            "ms_ssim_svg": self.ms_ssim,
             **self.scores.report,
             "largest_error_svg": self.largest_error,
             "bias_svg": self.bias,
@@ -153,7 +149,7 @@ class CheckResult:
     def _repr_html_(self) -> str:
         """Return HTML that shows the SVG, its errors and its scores."""
         raster = over(self.raster)
-        share = min(1.0, _MOST_SIDE / max(raster.shape[:2]))
+        share = min(1.0, 400 / max(raster.shape[:2]))  # a notebook shows 400 px
         height, width = (max(1, round(share * side)) for side in raster.shape[:2])
         small, photo = (shrunk(one, height, width) for one in (raster, over(self.photo)))
         pictures = {"the SVG": as_png(small), "its errors": heatmap(small, photo)}

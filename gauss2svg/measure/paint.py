@@ -10,10 +10,6 @@ from gauss2svg.scene.scene import narrowing_of
 from gauss2svg.svg import Document
 from gauss2svg.svg.file import pixels_of
 
-# A file draws soft shapes by gradients or by masks. For each of these two ways, a pair of numbers
-# says how many milliseconds a browser takes for a shape, and how many for a million pixels
-# (docs/benchmarks/paint.md).
-_BY_GRADIENTS, _BY_MASKS = np.array([0.03, 20.0]), np.array([0.9, 52.0])
 # Paint time in ms from which a file counts as heavy. People perceive a response within a tenth of a
 # second as immediate (Miller, "Response time in man-computer conversational transactions", 1968).
 HEAVY_MS = 100.0
@@ -62,6 +58,7 @@ def paint_ms(scene: Scene, svg: str, width: float) -> float | None:
     if share and "<style" in svg:
         masked = svg.count("<use ")
         share = masked / (masked + svg.count("<circle "))
-    each, million = share * _BY_MASKS + (1 - share) * _BY_GRADIENTS
+    # ms for a shape and for a million pixels, by gradients and by masks (docs/benchmarks/paint.md)
+    each, million = (1 - share) * np.array([0.03, 20.0]) + share * np.array([0.9, 52.0])
     pixels = (width / scene.width) ** 2 * drawn_pixels(scene)
     return float(each * len(scene) + million * pixels / 1e6)

@@ -88,7 +88,7 @@ def score_of(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float3
 def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:
     """Return the scores of a raster against a photo of the same shape, by their keys in a report.
 
-    The scores compare pictures over white. ssim_svg is None for images under 3 px a side.
+    The scores compare pictures over white. ssim_svg is None for images under 11 px a side.
     psnr_svg_black compares pictures over black, and psnr_svg_alpha the alpha channels. Both are
     None if the photo is opaque.
 

@@ -80,7 +80,7 @@ HEADS = [
     f'<svg {XMLNS} width="8" height="8">',
     f'<svg {XMLNS} width="100%" viewBox="0,0,8,8" preserveAspectRatio="xMinYMin">',
     f"<svg data-x='a > b' {XMLNS}\n  height='40' viewBox='0 0 8 8'>",
-    f'<svg {XMLNS} viewBox="0 0 8px" height="9" style="width:8px;height:8px">',
+    f'<svg {XMLNS} viewBox="0 0 8px" height="8" width="8">',
     f'<svg {XMLNS} viewBox="none" width="8" height="8">',
     f'<svg {XMLNS} viewBox="0 0 1e30 1e30"><g transform="scale(1.25e29)">',
     f"<?xml version='1.0' encoding='latin-1'?><!-- <svg viewBox='0 0 1 1'> é --><!DOCTYPE svg "
