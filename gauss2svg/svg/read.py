@@ -61,32 +61,17 @@ from gauss2svg.svg.read_values import Affine, Fill, color_of, compose, share_of,
 # takes about 3 GB of memory.
 MOST_ELEMENTS = 4_000_000
 _DEEPEST = 100  # largest depth of nested groups
-_LABEL = INKSCAPE + "label"
 _GROUPS = {"svg", "g", "use"}
-_PATHS = {"path", "rect", "polygon", "polyline", "line"}
+_SHAPES = {"path", "rect", "polygon", "polyline", "line", "circle", "ellipse"}
 _GRADIENTS = "radialGradient", "linearGradient"
 # Elements that draw nothing themselves.
 _SILENT = {"title", "desc", "metadata", "defs", *_GRADIENTS, "filter", "mask", "style", "clipPath"}
 # Attributes and properties that change how a shape looks. An element with one of them is refused,
-# unless its value is none, normal, inherit or visible, or the pair of the element's tag and the
-# attribute is in _READ.
+# unless its value is none, normal, inherit or visible.
 _EFFECTS = {"vector-effect", "filter", "mask", "mix-blend-mode", "visibility", "animation"}
 _EFFECTS |= {"translate", "rotate", "scale", "transform-origin", "transform-box", "offset-path"}
 _EFFECTS |= {"zoom", "systemLanguage", "all"}
 _EFFECTS |= {"marker", "marker-start", "marker-mid", "marker-end"}
-_READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
-# Attributes of an inner <svg> that clips the picture. With these values it covers the view box.
-_INNER = {"x": "0", "y": "0", "width": "100%", "height": "100%", "viewBox": "none"}
-# Attributes of a clipPath, and of a rectangle in it, with which it is not just the rectangle
-_CLIPS = {"clipPathUnits", "clip-path", "mask", "display", "visibility", "transform-origin"}
-# Once the blanks of a style sheet are removed, this matches each rule that write_svg writes into
-# it. Only the rules for stops are read.
-_RULE = re.compile(
-    rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
-    rf"stop-opacity:({NUMBER})\}}|svg>g:target~g\{{display:none;?\}}"
-    r"|@media\(prefers-reduced-motion:no-preference\)\{@keyframesfade-in\{from\{opacity:0;?\}\}"
-    rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*+\}}"
-)
 
 
 def read_svg(
@@ -196,12 +181,20 @@ class _Reader:
 
         Raise InputError if the sheet has rules that write_svg does not write.
         """
+        # Matches each rule that write_svg writes, once the blanks of the style sheet are removed.
+        rule = (
+            rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
+            rf"stop-opacity:({NUMBER})\}}|svg>g:target~g\{{display:none;?\}}"
+            r"|@media\(prefers-reduced-motion:no-preference\)"
+            r"\{@keyframesfade-in\{from\{opacity:0;?\}\}"
+            rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*+\}}"
+        )
         text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
-        if len(sheet) or _RULE.sub("", text):
+        if len(sheet) or re.sub(rule, "", text):
             needed = "one that write_svg writes for a scene whose blend is 'over'"
             advice = "to write what it sets into the elements, or the scene of --save-scene"
             raise refusal("the style sheet", needed, quoted((sheet.text or "").strip()), advice)
-        for key, opacity in _RULE.findall(text):
+        for key, opacity in re.findall(rule, text):
             if key:
                 self._opacities[key].append(opacity)
 
@@ -211,7 +204,7 @@ class _Reader:
         if space + "}" != SVG or tag in _SILENT:
             return  # an element of another namespace or with a tag in _SILENT draws nothing
         with _naming(element):
-            if tag not in {*_GROUPS, *_PATHS, "circle", "ellipse"} or parent.depth > _DEEPEST:
+            if tag not in _GROUPS | _SHAPES or parent.depth > _DEEPEST:
                 needed = f"paths and plain shapes alone, in groups of at most {_DEEPEST}"
                 advice = "to delete it, or to convert it to paths"
                 raise refusal("elements", needed, brief(tag), advice)
@@ -237,7 +230,9 @@ class _Reader:
                 state = state._replace(onto=compose(state.onto, (1.0, 0.0, 0.0, 1.0, x, y)))
                 children = [target_of(self._by_id, read_values.link_of(element), "circle", "use")]
             elif tag in ("svg", "g"):
-                for name, whole in _INNER.items() if tag == "svg" and parent.depth else ():
+                # An inner <svg> clips the picture. It covers the view box with these values.
+                inner = {"x": "0", "y": "0", "width": "100%", "height": "100%", "viewBox": "none"}
+                for name, whole in inner.items() if tag == "svg" and parent.depth else ():
                     if (value := attributes.get(name, whole)) != whole:
                         raise refusal(f"its {name}", whole, quoted(value), "to undo what set it")
                 number = _round_of(element)
@@ -367,8 +362,12 @@ class _Reader:
 
     def _sides(self, attributes: Mapping[str, str]) -> dict[str, float]:
         """Return x, y, width and height of a rectangle, in user units."""
-        whole = dict(zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True))
-        return {name: _side(attributes.get(name, "0"), name, whole[name]) for name in whole}
+        sides = dict[str, float]()
+        for name, whole in zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True):
+            text = attributes.get(name, "0")
+            side = numbers(text.removesuffix("%"), name, 1)[0]
+            sides[name] = side * whole / 100 if text.endswith("%") else side
+        return sides
 
     def _covers(self, sides: Mapping[str, str], onto: Affine) -> bool:
         """Return whether a rectangle covers the canvas.
@@ -390,11 +389,11 @@ class _Reader:
         owner = self._by_id.get(read_values.reference_of(clip) or "")
         if owner is None or owner.tag != SVG + "clipPath" or len(owner) != 1:
             return False
-        own = styled(owner[0])
-        moved = compose(onto, read_values.transform_of(own.get("transform", "")))
-        is_plain = owner[0].tag == SVG + "rect" and "transform" not in owner.attrib
-        is_plain &= not _CLIPS & (owner.attrib.keys() | own.keys())
-        return is_plain and self._covers(own, moved)
+        own = owner[0].attrib
+        is_plain = owner[0].tag == SVG + "rect" and "clipPathUnits" not in owner.attrib
+        is_plain &= own.keys() <= {"x", "y", "width", "height", "fill", "transform", "id"}
+        onto = compose(onto, read_values.transform_of(own.get("transform", "")))
+        return is_plain and self._covers(own, onto)
 
     def scene(self) -> Scene:
         """Return the scene of all shapes. Raise InputError if a scene cannot hold one of them."""
@@ -481,15 +480,11 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
                 # A scene composites each shape by itself, so a group cannot have an opacity.
                 advice = "to set that of each shape"
                 raise refusal("opacity of a group", "1", quoted(value), advice)
-        elif name in _EFFECTS and (tag, name) not in _READ and value.lower() not in off:
+        elif name in _EFFECTS and value.lower() not in off:
+            if name in ("filter", "mask") and tag in ("circle", "ellipse", "path"):
+                continue  # `_add` reads these
             raise refusal(f"its {name}", "none", quoted(value), "to remove it")
     return parent._replace(**changes) if changes else parent
-
-
-def _side(text: str, name: str, whole: float) -> float:
-    """Return the number in a text. If the text is a percentage, return that share of `whole`."""
-    scale = whole / 100 if text.endswith("%") else 1.0
-    return scale * numbers(text.removesuffix("%"), name, 1)[0]
 
 
 def _round_of(group: Any) -> int | None:
@@ -498,7 +493,7 @@ def _round_of(group: Any) -> int | None:
     The number is read from the label of the group. If the label has none, it is read from the id.
     Return None if neither has a number.
     """
-    label = re.match(r"Round ([1-9]\d{0,8})\b", group.get(_LABEL, ""))
+    label = re.match(r"Round ([1-9]\d{0,8})\b", group.get(INKSCAPE + "label", ""))
     own_id = r"(?:below-area-\d+-)?round-([1-9]\d{0,8})"
     match = label or re.fullmatch(own_id, group.get("id", ""))
     return int(match[1]) - 1 if match else None
@@ -518,10 +513,8 @@ def _name(element: Any) -> str:
 
     If the element has neither an id nor a label, return the tag with its first three attributes.
     """
-    named = [(key, element.get(key)) for key in ("id", _LABEL) if element.get(key)]
-    shown = " ".join(f'{_bare(k)}="{v}"' for k, v in named or list(element.attrib.items())[:3])
-    return f"<{_bare(element.tag)[:40]} {' '.join(shown.split())[:120]}>".replace(" >", ">")
-
-
-def _bare(tag: str) -> str:
-    return tag.rpartition("}")[2]
+    own = element.attrib
+    names = [name for name in ("id", INKSCAPE + "label") if name in own] or list(own)[:3]
+    shown = [f'{name.rpartition("}")[2]}="{own[name]}"' for name in names]
+    words = " ".join(" ".join(shown).split())[:120]
+    return f"<{element.tag.rpartition('}')[2][:40]} {words}>".replace(" >", ">")
