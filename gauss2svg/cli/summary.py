@@ -9,7 +9,7 @@ from typing import Any
 
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure import NONE, ON_REQUEST, SCORES, SPACE, TARGETS, decibels
-from gauss2svg.measure.paint import HEAVY_MS
+from gauss2svg.measure.roundtrip import HEAVY_MS
 from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.progress_display import columns
 from gauss2svg.scene.areas import AreaCounts

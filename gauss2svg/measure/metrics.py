@@ -6,7 +6,7 @@ box filter.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -31,38 +31,20 @@ def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> No
         raise refusal("two images", "of one shape (h, w, channels)", got)
 
 
-def _bands(
+def _differences(
     image: NDArray[np.floating], other: NDArray[np.floating]
-) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
-    """Yield pairs of bands (n, w * channels), so that callers can compare two images in parts.
-
-    The bands of a pair are the same n rows of the two images. n is small, so that the arrays that
-    callers compute from the bands take little memory.
-    """
+) -> Iterator[NDArray[np.float64]]:
+    """Yield the differences (n, w * channels) of a few rows at a time, to save memory."""
     check_shapes(image, other)
     height = len(image)
     step = max(1, 65536 * height // max(image.size, 1))  # 65536 values fit into the CPU's cache
     for top in range(0, height, step):
-        band = slice(top, top + step)
-        a, b = image[band], other[band]
-        yield a.reshape(len(a), -1), b.reshape(len(b), -1)
+        band = np.subtract(image[top : top + step], other[top : top + step], dtype=np.float64)
+        yield band.reshape(len(band), -1)
 
 
-def _mean(
-    difference: Callable[..., NDArray[np.floating]],
-    image: NDArray[np.floating],
-    other: NDArray[np.floating],
-) -> float:
-    """Return the mean of difference(image, other) over all pixels and channels.
-
-    The values are summed in float64.
-    """
-    total = math.fsum(
-        row
-        for a, b in _bands(image, other)
-        for row in difference(a, b).sum(axis=1, dtype=np.float64).tolist()
-    )
-    return total / image.size
+def _mean(bands: Iterator[NDArray[np.float64]], image: NDArray[np.floating]) -> float:
+    return math.fsum(row for band in bands for row in band.sum(axis=1).tolist()) / image.size
 
 
 def mean_squared_error(
@@ -78,7 +60,7 @@ def mean_squared_error(
     if weight is not None:
         squares = np.square(np.subtract(image, other, dtype=np.float64)).mean(axis=2)
         return float(np.average(squares, weights=np.resize(weight, squares.shape)))
-    return _mean(lambda a, b: np.square(np.subtract(a, b, dtype=np.float64)), image, other)
+    return _mean(map(np.square, _differences(image, other)), image)
 
 
 def psnr(
@@ -178,12 +160,12 @@ def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def largest_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the largest absolute difference at any pixel in any channel, in levels of 255."""
-    return max(float(np.abs(a - b).max()) for a, b in _bands(image, other)) * 255
+    return max(float(np.abs(band).max()) for band in _differences(image, other)) * 255
 
 
 def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the mean of image - other over all pixels and channels, in levels of 255."""
-    return _mean(np.subtract, image, other) * 255
+    return _mean(_differences(image, other), image) * 255
 
 
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:

@@ -28,8 +28,8 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.options import Field, Renderer
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.pixels import has_alpha, over
-from gauss2svg.svg.drawable import UNMET_MEDIA
 from gauss2svg.svg.file import from_root, stretched
+from gauss2svg.svg.untrusted import UNMET_MEDIA
 
 RENDERERS: tuple[str, ...] = get_args(Renderer)
 # The functions of these renderers also take the colour of the page.

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import os
 import re
-from array import array
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -139,12 +138,15 @@ class _State(NamedTuple):
 
 
 class _Shape(NamedTuple):
-    """A shape without its two maps of the unit circle.
+    """A shape.
 
-    The maps of all shapes are in one array, because that takes only a third of the memory.
+    outline  map of the unit circle onto the outline, in px
+    disc     map of the unit circle onto the edge of the fill, in px
     """
 
     element: Any
+    outline: Affine
+    disc: Affine
     fill: Fill
     opacity: float
     round: int
@@ -163,9 +165,6 @@ class _Reader:
         self._arcs = read_values.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._areas: list[Area] = []
         self._shapes: list[_Shape] = []
-        # There are two maps for each shape. The first maps the unit circle onto the outline of the
-        # shape in px, and the second maps it onto the edge of the shape's fill.
-        self._maps = array("d")
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
             with _naming(sheet):
@@ -265,10 +264,9 @@ class _Reader:
             fill = self._fill_of(own_fill, attributes, edge)
             if len(edges) > 1 and (alpha < 1 or fill.drawn != PLAIN):
                 raise refusal("ellipses of one path", "opaque and of one colour", "another fill")
-            outline, opacity = compose(state.onto, edge), min(1.0, alpha * fill.peak)
-            disc = compose(state.onto, fill.disc) if fill.disc else outline
-            self._maps.extend((*outline, *disc))
-            self._shapes.append(_Shape(element, fill, opacity, number, len(self._areas)))
+            outline, disc = compose(state.onto, edge), compose(state.onto, fill.disc or edge)
+            opacity, level = min(1.0, alpha * fill.peak), len(self._areas)
+            self._shapes.append(_Shape(element, outline, disc, fill, opacity, number, level))
         return None
 
     def _has_ramp(self, fill: str) -> bool:
@@ -398,8 +396,8 @@ class _Reader:
     def scene(self) -> Scene:
         """Return the scene of all shapes. Raise InputError if a scene cannot hold one of them."""
         shapes = self._shapes
-        maps = np.array(self._maps).reshape(-1, 2, 3, 2)
-        edge, disc = maps.transpose(1, 0, 3, 2)
+        maps = [np.reshape([shape[k] for shape in shapes], (-1, 3, 2)) for k in (1, 2)]
+        edge, disc = (each.transpose(0, 2, 1) for each in maps)
         rows = disc[:, :, :2]  # the linear parts (n, 2, 2) of the maps
         with np.errstate(all="ignore"):
             extent = portable.hypot(rows[:, :, 0], rows[:, :, 1])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from flat import vectorize
 
-from gauss2svg.measure.paint import HEAVY_MS, drawn_pixels, paint_ms, shown_width
+from gauss2svg.measure.roundtrip import HEAVY_MS, drawn_pixels, paint_ms, shown_width
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg import Document
