@@ -18,7 +18,6 @@ from gauss2svg.measure import CheckOptions, Scores, metrics
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.options import fields_of
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
@@ -199,9 +198,6 @@ def check(
     Raise InputError for a photo or an SVG that cannot be used. Raise RendererError for an SVG that
     cannot be drawn, and for a missing renderer. Raise TypeError for an unknown option.
     """
-    names = [field.name for field in fields_of(CheckOptions)]
-    if unknown := options.keys() - set(names):
-        raise TypeError(f"option of check must be one of {', '.join(names)}; got {min(unknown)}")
     asked = CheckOptions(**options)
     renderer = renderer_version(asked.renderer)
     matte = None if asked.matte is None else matte_color(asked.matte)
@@ -211,8 +207,7 @@ def check(
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
     pixels, size = pixels_of(picture), (picture.width, picture.height)
     is_trusted = isinstance(getattr(svg, "svg", None), str)
-    svg = svg.svg if is_trusted else svg
-    data, text = read_source(svg, int(asked.max_svg_bytes))
+    data, text = read_source(svg.svg if is_trusted else svg, int(asked.max_svg_bytes))
     larger, scale = None, asked.reference_scale or 4.0
     if reference is not None:
         larger = enlarged(text, reference, size, scale, asked, WHITE if matte is None else matte)
@@ -320,18 +315,19 @@ def _finite(psnr: float | None) -> float | None:
 
 def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[str]:
     notes, tags = [f"photo {note}" for note in photo.notes], surveyed.tags
-    for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
-        if not _has_proportions_of(own, (photo.width, photo.height)):
-            stretch = f"and was stretched to {photo.width}x{photo.height} px"
-            shape = f"{own[0]:g}x{own[1]:g}, not in the photo's proportions"
-            notes.append(f"{name} is {shape}, {stretch}")
+    for name, (width, height) in (("SVG", frame[:2]), ("viewBox", frame.view_box[2:])):
+        # Enlarged or reduced until it fits, it may be a pixel smaller than the photo.
+        scale = min(photo.width / width, photo.height / height)
+        if max(photo.width - scale * width, photo.height - scale * height) > 1:
+            shape = f"{name} is {width:g}x{height:g}, not in the photo's proportions"
+            notes.append(f"{shape}, and was stretched to {photo.width}x{photo.height} px")
             # One note is enough if neither the SVG nor its viewBox has the photo's proportions.
             break
     if texts := tags.get("text", 0):
         no_fonts = "not drawn, because resvg gets no fonts. Try paths"
         how = no_fonts if renderer == "resvg" else "drawn in the fonts of this machine"
         notes.append(f"text ({texts}) is {how}")
-    if pictures := tags.get("image", 0) + tags.get("feImage", 0):
+    if pictures := tags.get("image", 0):
         notes.append(f"embedded images ({pictures}) are measured along with the shapes")
     if surveyed.remarks and renderer not in BROWSERS:
         first, more = ", ".join(surveyed.remarks[:3]), " and more" if surveyed.remarks[3:] else ""
@@ -340,13 +336,3 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
     if not surveyed.qualified:
         notes.append("the root element has no xmlns of SVG, so browsers do not show the file")
     return notes
-
-
-def _has_proportions_of(own: tuple[float, ...], size: tuple[int, int]) -> bool:
-    """Return whether the sizes `own` and `size` have the same proportions.
-
-    They do if `own`, after it is enlarged or reduced until it fits into `size`, is at most a pixel
-    smaller than `size` in width and in height.
-    """
-    scale = min(size[0] / own[0], size[1] / own[1])
-    return all(side - scale * mine <= 1 for side, mine in zip(size, own, strict=True))

@@ -194,8 +194,8 @@ class Survey:
         self.layers += name == "g" and attributes.get(INKSCAPE + "groupmode") == "layer"
         if "}" not in name:  # no renderer draws an element of another namespace
             self._remark(_element_remarks(_ROOT if is_root else name, attributes))
-            if name in ("linearGradient", "radialGradient", "clipPath", "mask", "filter"):
-                key = attributes.get("id", "")
+            key = attributes.get("id", "")
+            if name in ("linearGradient", "radialGradient", "clipPath", "mask", "filter") and key:
                 # resvg takes the last one, and browsers take the first.
                 self._remark([f"the id {key[:40]} of several elements"] if key in self._ids else [])
                 self._ids.add(key)
@@ -271,6 +271,8 @@ class Survey:
 
 def _check_loading(text: str) -> None:
     """Raise InputError if CSS loads anything, as it is written or with its escapes replaced."""
+    if "(" not in text and "@" not in text and "\\" not in text:
+        return
     unescaped = re.sub(r"\\(?:([\da-fA-F]{1,6})(?:\r\n|\s)?|\r\n|[\n\r\f])", _character, text)
     for css in {text, unescaped.replace("\\", "")}:
         if match := _LOADING.search(css):

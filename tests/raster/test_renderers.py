@@ -93,9 +93,6 @@ REFUSED = {
     "unknown renderer": (GREEN, (5, 5), "photoshop", "renderer must be one of resvg, cairo, "),
     "too large": ("", (14_000, 14_000), "resvg", r"at most 179 million px; .* 196 million"),
     "broken": ("<svg", (5, 5), "resvg", "cannot draw the SVG: .* Try to re-save it"),
-    "own document type": ('<!DOCTYPE svg [<!ATTLIST g a CDATA "b">]><svg/>', (4, 3), "resvg",
-                          "cannot draw the SVG: .* document type of its own"),
-    "half a character": (SVG.format("><title>\ud800</title>"), (4, 3), "resvg", "surrogates not"),
     "blend": (SVG.format('><g style="mix-blend-mode:screen"/>'), (4, 3), "cairo",
               "one of resvg, chromium, .* uses, mix-blend-mode; got cairo. Try --renderer resvg"),
     "blur": (SHEARED, (40, 30), "resvg", "must be one of chromium, firefox, inkscape for what"),
@@ -113,10 +110,8 @@ def test_what_cannot_be_drawn_is_one_line(case):
 MISSING = {
     "playwright": ("chromium", r'pip install "gauss2svg\[browser\]".*--renderer resvg'),
     "chromium by name": ("chromium", "GAUSS2SVG_CHROMIUM must be the path of a Chromium"),
-    **{name: (name, f"{name} needs the program .*install.*--renderer resvg")
-       for name in RENDERERS[2:]},
-    **{f"{name} that fails": (name, r"say its version: no libfoo\.so .*--renderer")
-       for name in RENDERERS[2:]},
+    "librsvg": ("librsvg", "librsvg needs the program .*install.*--renderer resvg"),
+    "firefox that fails": ("firefox", r"say its version: no libfoo\.so .*--renderer"),
 }  # fmt: skip
 
 
@@ -127,9 +122,10 @@ def test_a_missing_or_broken_program_is_one_line_that_says_what_to_do(case, monk
     fails = case.endswith("fails")
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep if fails else None)
     monkeypatch.delenv(chromium.PROGRAM_VARIABLE, raising=False)
-    for called in ("chromium", "rsvg-convert", "firefox", "inkscape") if fails else ():
-        (tmp_path / called).write_text("#!/bin/sh\necho a >&2; echo no libfoo.so >&2; exit 127")
-        (tmp_path / called).chmod(0o755)
+    if fails:
+        program = tmp_path / "firefox"
+        program.write_text("#!/bin/sh\necho a >&2; echo no libfoo.so >&2; exit 127")
+        program.chmod(0o755)
     if case == "playwright":
         monkeypatch.setitem(sys.modules, "playwright", None)
     elif name == "chromium":

@@ -240,7 +240,8 @@ RIGHT = [
     '<g data-x="f(" aria-label="(\\)" content="\\(" rotate="9deg" zoom="2" base="7"/>',
     '<text style="fill:var(--x)" x="1vw">a</text>', '<foo fill="lab(1 2 3)" xmlns="urn:a"/>',
     '<path d="M0 0junk" marker-end="url(#a)"/>', '<rect stroke-dasharray="1 2,3" rx="2"/>',
-    '<use href="#a"/>', '<symbol viewBox="0 0 8 8"/>', '<mask style="mask-type:luminance"/>',
+    '<use href="#a"/><mask/><mask/>',
+    '<symbol viewBox="0 0 8 8"/>', '<mask style="mask-type:luminance"/>',
     '<filter id="a" x="-50%"><feGaussianBlur stdDeviation="2 1"/></filter><g filter="url(#a)"/>',
     # as Illustrator, Figma and draw.io write them
     '<switch><foreignObject requiredExtensions="x" width="1"/><g i:extraneous="self" xmlns:i="x"/>'
