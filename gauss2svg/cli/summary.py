@@ -231,5 +231,5 @@ def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: li
         print(paragraph, file=sys.stderr)
 
 
-def _ssim(value: float | None, least_side: int = 3) -> str:
+def _ssim(value: float | None, least_side: int = 11) -> str:
     return f"not defined under {least_side} px" if value is None else f"{value:.3f}"
