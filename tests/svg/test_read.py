@@ -58,7 +58,7 @@ def test_an_editable_file_is_its_scene_within_the_rounding_and_then_the_same_fil
     seed, precision, stops, palette, form
 ):
     svg_format = SvgFormat(form=form, stops=stops, precision=precision, opacity_decimals=4)
-    scene = quantize(random_scene(15, 60, 45, seed, sigma=(0.5, 25)), form, 12 * palette)
+    scene = quantize(random_scene(8, 60, 45, seed, sigma=(0.5, 25)), form, 12 * palette)
     scene = as_written(scene, form)
     large = (np.abs(scene.factor[:, [0, 1], [0, 1]]) * np.sqrt(2) > precision).all(axis=1)
     scene = as_written(scene.select(large & (scene.opacity > 1e-4)), form)
@@ -82,8 +82,8 @@ def test_an_editable_file_is_its_scene_within_the_rounding_and_then_the_same_fil
 
 
 @given(
-    seeds, st.sampled_from([0, 1, 12, 40]), st.sampled_from([0.001, 0.04, 0.5, 1.0]),
-    st.sampled_from(STOP_COUNTS), st.sampled_from([500, 40, 0]),
+    seeds, st.sampled_from([0, 1, 12]), st.sampled_from([0.001, 0.04, 0.5, 1.0]),
+    st.sampled_from(STOP_COUNTS), st.sampled_from([500, 6, 0]),
 )  # fmt: skip
 def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
     seed, count, precision, stops, most_masked
