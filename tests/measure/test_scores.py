@@ -40,28 +40,18 @@ def flat_halves():
     return reference, reference - 1 / 255
 
 
-def test_flat_error_sees_a_streak_that_psnr_hardly_sees_the_more_the_longer_it_is():
+def test_flat_error_sees_a_streak_that_psnr_hardly_sees_and_knows_no_checkerboard():
     reference, fitted = flat_halves()
-    errors = [metrics.flat_error(fitted, reference)]
-    assert errors == [pytest.approx(1)]
-    for length in (1, 4, 8, 30):
-        streaked = fitted.copy()
-        streaked[20, 10 : 10 + length] -= 3 / 255
-        errors.append(metrics.flat_error(streaked, reference))
-    assert errors == sorted(errors)
-    assert errors[-1] == pytest.approx(4)
+    streaked = fitted.copy()
+    streaked[20, 10:40] -= 3 / 255
+    assert metrics.flat_error(fitted, reference) == pytest.approx(1)
+    assert metrics.flat_error(streaked, reference) == pytest.approx(4)
     assert metrics.psnr(fitted, reference) - metrics.psnr(streaked, reference) < 0.2
-
-
-def test_flat_error_counts_errors_beside_edges_and_on_slopes_and_knows_no_checkerboard():
-    reference, fitted = flat_halves()
     blurred = fitted.copy()
     blurred[:, 55:65] = 0.5  # within 4 px of the step
     assert metrics.flat_error(blurred, reference) == pytest.approx(1)
     blurred[:, 54] = 0.5
     assert metrics.flat_error(blurred, reference) == pytest.approx(0.4 * 255)
-    slope = np.repeat(np.linspace(0, 1, 101)[None, :, None], 20, axis=0).repeat(3, axis=2)
-    assert metrics.flat_error(slope, slope) == 0
     checkerboard = np.indices((20, 30)).sum(axis=0)[:, :, None] % 2 * np.ones(3)
     assert math.isnan(metrics.flat_error(checkerboard, checkerboard))
 
