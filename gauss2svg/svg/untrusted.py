@@ -136,7 +136,8 @@ _WITHOUT_EFFECT = re.compile(
     "-(?:inkscape|moz|ms|khtml|webkit-(?:tap|touch|user|text|font|print))-.*"
     "|(?:font|text|letter|word|line|white|list|scroll|solid|transition|page|shape|color)(?:-.+)?"
     "|writing-mode|direction|unicode-bidi|.*baseline.*|kerning|cursor|pointer-events|user-select"
-    "|touch-action|will-change|enable-background|z-index|vertical-align|(?:min|max)-(?:width|height)"
+    "|touch-action|will-change|enable-background|z-index|vertical-align|block-progression"
+    "|(?:min|max)-(?:width|height)"
 )
 # Rules of media that a still picture on a white page does not meet.
 UNMET_MEDIA = re.compile(
@@ -346,7 +347,7 @@ def _style_remarks(element: str, style: str, place: str) -> tuple[str, ...]:
     while match := declaration.match(style, end):
         end, name, value = match.end(), match[1], match[2].strip()
         pattern = _property(name)
-        # The frame of a file reads the sides of the root.
+        # The root is stretched, whatever its sides in CSS are.
         is_side = element == _ROOT and name in ("width", "height")
         if pattern is None and (is_side or _WITHOUT_EFFECT.fullmatch(name)):
             continue
