@@ -396,8 +396,8 @@ class _Reader:
     def scene(self) -> Scene:
         """Return the scene of all shapes. Raise InputError if a scene cannot hold one of them."""
         shapes = self._shapes
-        maps = [np.reshape([shape[k] for shape in shapes], (-1, 3, 2)) for k in (1, 2)]
-        edge, disc = (each.transpose(0, 2, 1) for each in maps)
+        maps = np.array([(shape.outline, shape.disc) for shape in shapes]).reshape(-1, 2, 3, 2)
+        edge, disc = maps.transpose(1, 0, 3, 2)
         rows = disc[:, :, :2]  # the linear parts (n, 2, 2) of the maps
         with np.errstate(all="ignore"):
             extent = portable.hypot(rows[:, :, 0], rows[:, :, 1])
