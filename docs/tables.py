@@ -18,12 +18,11 @@ from gauss2svg.measure import SCORES
 from gauss2svg.options import Field, fields_of, texts_of
 from gauss2svg.photo import FORMATS
 from gauss2svg.raster import (
-    CANNOT_DRAW,
     DRAW_BLENDS,
     DRAW_MINIMAL,
     DRAW_ROTATED_BLURS,
+    NOT_DRAWN_BY,
     RENDERERS,
-    Feature,
 )
 
 _OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z0-9-]*|-)(?![\w-])")
@@ -106,15 +105,8 @@ def formats_table() -> str:
 
 
 def features_table() -> str:
-    """Return the features of SVG that some renderers draw wrongly, and what is known of it."""
-    rows = []
-    for feature in Feature:
-        said = [
-            f"{name} ({known})" if known else name
-            for name in RENDERERS
-            if (known := CANNOT_DRAW[name].get(feature)) is not None
-        ]
-        rows.append(f"| {_markdown(feature)} | {'; '.join(said)} |")
+    """Return the features of SVG that some renderers draw wrongly."""
+    rows = [f"| {_markdown(one)} | {', '.join(names)} |" for one, names in NOT_DRAWN_BY.items()]
     return _table("| what a file uses | not drawn by |", rows)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure import NONE, ON_REQUEST, SCORES, SPACE, TARGETS, decibels
-from gauss2svg.measure.paint import HEAVY_MS
+from gauss2svg.measure.roundtrip import HEAVY_MS
 from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.progress_display import columns
 from gauss2svg.scene.areas import AreaCounts
@@ -231,5 +231,5 @@ def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: li
         print(paragraph, file=sys.stderr)
 
 
-def _ssim(value: float | None, least_side: int = 3) -> str:
+def _ssim(value: float | None, least_side: int = 11) -> str:
     return f"not defined under {least_side} px" if value is None else f"{value:.3f}"

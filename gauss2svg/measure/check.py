@@ -18,7 +18,6 @@ from gauss2svg.measure import CheckOptions, Scores, metrics
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.options import fields_of
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
@@ -37,11 +36,6 @@ from gauss2svg.svg.file import (
 )
 from gauss2svg.svg.untrusted import Survey
 
-_MOST_SIDE = 400  # longest side (px) of the pictures that a notebook shows
-# Elements that may change what a web page shows, but do not change a raster. Browsers would draw
-# animations, so gauss2svg.raster refuses an animated file if the renderer is a browser.
-_LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
-
 
 class Enlarged(NamedTuple):
     """Scores of an enlarged SVG against the larger picture from which its photo was made.
@@ -51,7 +45,7 @@ class Enlarged(NamedTuple):
     scale          size of the comparison divided by the size of the photo
     width, height  size in px at which the two are compared
     psnr           dB, infinite if equal
-    ssim           -1..1, None under 3 px a side
+    ssim           -1..1, None under 11 px a side
     """
 
     scale: float
@@ -66,7 +60,7 @@ class CheckResult:
     """Scores of an SVG against a photo. Both are composited over white unless said otherwise.
 
     psnr           dB, infinite if equal
-    ssim           -1..1, None under 3 px a side
+    ssim           -1..1, None under 11 px a side
     ms_ssim        0..1, None under 176 px a side
     largest_error  largest error of any channel, in levels of 255
     bias           mean of the SVG's raster minus the photo, in levels of 255
@@ -123,11 +117,9 @@ class CheckResult:
             "view_box": list(self.frame.view_box),
             "renderer": self.renderer,
             "transparent": has_alpha(self.photo),
-            "psnr_svg": _finite(self.psnr),
+            **{f"{name}_svg": _finite(getattr(self, name)) for name in ("psnr", "ssim", "ms_ssim")},
             "psnr_svg_black": _finite(self.psnr_black),
             "psnr_svg_alpha": _finite(self.psnr_alpha),
-            "ssim_svg": self.ssim,
-            "ms_ssim_svg": self.ms_ssim,
             **self.scores.report,
             "largest_error_svg": self.largest_error,
             "bias_svg": self.bias,
@@ -156,7 +148,7 @@ class CheckResult:
     def _repr_html_(self) -> str:
         """Return HTML that shows the SVG, its errors and its scores."""
         raster = over(self.raster)
-        share = min(1.0, _MOST_SIDE / max(raster.shape[:2]))
+        share = min(1.0, 400 / max(raster.shape[:2]))  # a notebook shows 400 px
         height, width = (max(1, round(share * side)) for side in raster.shape[:2])
         small, photo = (shrunk(one, height, width) for one in (raster, over(self.photo)))
         pictures = {"the SVG": as_png(small), "its errors": heatmap(small, photo)}
@@ -206,9 +198,6 @@ def check(
     Raise InputError for a photo or an SVG that cannot be used. Raise RendererError for an SVG that
     cannot be drawn, and for a missing renderer. Raise TypeError for an unknown option.
     """
-    names = [field.name for field in fields_of(CheckOptions)]
-    if unknown := options.keys() - set(names):
-        raise TypeError(f"option of check must be one of {', '.join(names)}; got {min(unknown)}")
     asked = CheckOptions(**options)
     renderer = renderer_version(asked.renderer)
     matte = None if asked.matte is None else matte_color(asked.matte)
@@ -218,8 +207,7 @@ def check(
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
     pixels, size = pixels_of(picture), (picture.width, picture.height)
     is_trusted = isinstance(getattr(svg, "svg", None), str)
-    svg = svg.svg if is_trusted else svg
-    data, text = read_source(svg, int(asked.max_svg_bytes))
+    data, text = read_source(svg.svg if is_trusted else svg, int(asked.max_svg_bytes))
     larger, scale = None, asked.reference_scale or 4.0
     if reference is not None:
         larger = enlarged(text, reference, size, scale, asked, WHITE if matte is None else matte)
@@ -327,26 +315,20 @@ def _finite(psnr: float | None) -> float | None:
 
 def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[str]:
     notes, tags = [f"photo {note}" for note in photo.notes], surveyed.tags
-    for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
-        if not _has_proportions_of(own, (photo.width, photo.height)):
-            stretch = f"and was stretched to {photo.width}x{photo.height} px"
-            shape = f"{own[0]:g}x{own[1]:g}, not in the photo's proportions"
-            notes.append(f"{name} is {shape}, {stretch}")
+    for name, (width, height) in (("SVG", frame[:2]), ("viewBox", frame.view_box[2:])):
+        # Enlarged or reduced until it fits, it may be a pixel smaller than the photo.
+        scale = min(photo.width / width, photo.height / height)
+        if max(photo.width - scale * width, photo.height - scale * height) > 1:
+            shape = f"{name} is {width:g}x{height:g}, not in the photo's proportions"
+            notes.append(f"{shape}, and was stretched to {photo.width}x{photo.height} px")
             # One note is enough if neither the SVG nor its viewBox has the photo's proportions.
             break
     if texts := tags.get("text", 0):
         no_fonts = "not drawn, because resvg gets no fonts. Try paths"
         how = no_fonts if renderer == "resvg" else "drawn in the fonts of this machine"
         notes.append(f"text ({texts}) is {how}")
-    if pictures := tags.get("image", 0) + tags.get("feImage", 0):
+    if pictures := tags.get("image", 0):
         notes.append(f"embedded images ({pictures}) are measured along with the shapes")
-    left_out = "left out by the renderer"
-    notes += [f"{tag} ({tags[tag]}) is {left_out}" for tag in _LEFT_OUT if tag in tags]
-    if surveyed.is_animated and renderer not in BROWSERS:
-        notes.append(f"animation by CSS is {left_out}")
-    if pages := tags.get("foreignObject", 0):
-        how = "drawn only by browsers" if renderer in BROWSERS else left_out
-        notes.append(f"foreignObject ({pages}) is {how}")
     if surveyed.remarks and renderer not in BROWSERS:
         first, more = ", ".join(surveyed.remarks[:3]), " and more" if surveyed.remarks[3:] else ""
         unknown = f"{renderer} is not known to draw these as browsers do: {first}{more}"
@@ -354,13 +336,3 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
     if not surveyed.qualified:
         notes.append("the root element has no xmlns of SVG, so browsers do not show the file")
     return notes
-
-
-def _has_proportions_of(own: tuple[float, ...], size: tuple[int, int]) -> bool:
-    """Return whether the sizes `own` and `size` have the same proportions.
-
-    They do if `own`, after it is enlarged or reduced until it fits into `size`, is at most a pixel
-    smaller than `size` in width and in height.
-    """
-    scale = min(size[0] / own[0], size[1] / own[1])
-    return all(side - scale * mine <= 1 for side, mine in zip(size, own, strict=True))

@@ -20,7 +20,6 @@ _COLORS = np.array(
         0xD04545, 0xE35933, 0xF1711F, 0xF98C0A, 0xFCAA0F, 0xF9C932, 0xF2E865, 0xFCFFA4,
     ]
 )[:, None] >> (16, 8, 0) & 0xFF  # fmt: skip
-_BAR, _TEXT = 10, 12  # px, height of the bar of colours in the legend, and height of its labels
 
 
 def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -67,31 +66,19 @@ def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:
     image is at least 120 px wide.
     """
     height, width = image.shape[:2]
+    bar, labels = 10, 12  # px, heights of the bar of colours and of its labels
     labelled = width >= 120
-    sheet = Image.new("RGB", (width, height + _BAR + (_TEXT if labelled else 0)), "white")
-    # The map is made in bands of rows. This saves memory, because colours are computed in float64.
-    for top in range(0, height, _BAR):
-        band = slice(top, top + _BAR)
-        sheet.paste(Image.fromarray(colors_of(errors(image[band], other[band]))), (0, top))
-    ramp = np.broadcast_to(np.linspace(0, MOST, width), (_BAR, width))
+    sheet = Image.new("RGB", (width, height + bar + (labels if labelled else 0)), "white")
+    sheet.paste(error_map(image, other), (0, 0))
+    ramp = np.broadcast_to(np.linspace(0, MOST, width), (bar, width))
     sheet.paste(Image.fromarray(colors_of(ramp)), (0, height))
-    if labelled:
-        _label(sheet, height + _BAR)
-    stream = io.BytesIO()
-    notes = PngInfo()
-    scale = (
-        f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
-    )
-    notes.add_text("Description", scale)
-    sheet.save(stream, "PNG", pnginfo=notes)
-    return stream.getvalue()
-
-
-def _label(sheet: Image.Image, top: int) -> None:
-    pen = ImageDraw.Draw(sheet)
-    font = ImageFont.load_default(_TEXT - 2)
-    for tick in (0, 16, 32, 48, 64):
+    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(labels - 2)
+    for tick in (0, 16, 32, 48, 64) if labelled else ():
         text = f"{tick}+" if tick == MOST else str(tick)
         wide = pen.textlength(text, font)
-        left = tick / MOST * (sheet.width - 1) - wide / 2
-        pen.text((min(max(left, 1), sheet.width - wide - 1), top), text, "black", font)
+        left = tick / MOST * (width - 1) - wide / 2
+        pen.text((min(max(left, 1), width - wide - 1), height + bar), text, "black", font)
+    notes, stream = PngInfo(), io.BytesIO()
+    notes.add_text("Description", f"largest difference of any channel, 0 to pale yellow {MOST}+")
+    sheet.save(stream, "PNG", pnginfo=notes)
+    return stream.getvalue()

@@ -6,7 +6,7 @@ box filter.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -18,17 +18,10 @@ from gauss2svg.errors import refusal
 from gauss2svg.photo.pixels import BACKDROPS, has_alpha, linear_light, over, psnr_of
 from gauss2svg.without_scipy import mirrored, smoothed
 
-LEAST_SIDE_FOR_SSIM = 3  # px
-# px. MS-SSIM divides the sides by 16 at its smallest scale. A side of this length
-# then has 11 px, as many as a window.
-LEAST_SIDE_FOR_MS_SSIM = 176
-_SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # the scales' weights from the paper
-_FULL_WINDOW = 11  # px, side of SSIM's Gaussian window
-_K1 = 0.01  # constant of SSIM from its paper
-# With a K1 this large, SSIM's luminance term is 1, so that only contrast times structure is left.
-_NO_LUMINANCE = 1e6
+_WINDOW = 11  # px, side of SSIM's Gaussian window
+LEAST_SIDE_FOR_SSIM = _WINDOW
+LEAST_SIDE_FOR_MS_SSIM = 16 * _WINDOW  # MS-SSIM divides the sides by 16 at its smallest scale
 _BAND = 256  # number of rows of windows for which SSIM is computed at a time
-_BAND_VALUES = 65536  # number of values that are compared at a time. They fit into the CPU's cache
 
 
 def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
@@ -38,38 +31,20 @@ def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> No
         raise refusal("two images", "of one shape (h, w, channels)", got)
 
 
-def _bands(
+def _differences(
     image: NDArray[np.floating], other: NDArray[np.floating]
-) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
-    """Yield pairs of bands (n, w * channels), so that callers can compare two images in parts.
-
-    The bands of a pair are the same n rows of the two images. n is small, so that the arrays that
-    callers compute from the bands take little memory.
-    """
+) -> Iterator[NDArray[np.float64]]:
+    """Yield the differences (n, w * channels) of a few rows at a time, to save memory."""
     check_shapes(image, other)
     height = len(image)
-    step = max(1, _BAND_VALUES * height // max(image.size, 1))
+    step = max(1, 65536 * height // max(image.size, 1))  # 65536 values fit into the CPU's cache
     for top in range(0, height, step):
-        band = slice(top, top + step)
-        a, b = image[band], other[band]
-        yield a.reshape(len(a), -1), b.reshape(len(b), -1)
+        band = np.subtract(image[top : top + step], other[top : top + step], dtype=np.float64)
+        yield band.reshape(len(band), -1)
 
 
-def _mean(
-    difference: Callable[..., NDArray[np.floating]],
-    image: NDArray[np.floating],
-    other: NDArray[np.floating],
-) -> float:
-    """Return the mean of difference(image, other) over all pixels and channels.
-
-    The values are summed in float64.
-    """
-    total = math.fsum(
-        row
-        for a, b in _bands(image, other)
-        for row in difference(a, b).sum(axis=1, dtype=np.float64).tolist()
-    )
-    return total / image.size
+def _mean(bands: Iterator[NDArray[np.float64]], image: NDArray[np.floating]) -> float:
+    return math.fsum(row for band in bands for row in band.sum(axis=1).tolist()) / image.size
 
 
 def mean_squared_error(
@@ -85,7 +60,7 @@ def mean_squared_error(
     if weight is not None:
         squares = np.square(np.subtract(image, other, dtype=np.float64)).mean(axis=2)
         return float(np.average(squares, weights=np.resize(weight, squares.shape)))
-    return _mean(lambda a, b: np.square(np.subtract(a, b, dtype=np.float64)), image, other)
+    return _mean(map(np.square, _differences(image, other)), image)
 
 
 def psnr(
@@ -109,20 +84,17 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
 
     over all windows that lie inside the image. m_a and m_b are the means of the two images in a
     window, s_aa and s_bb are their variances, and s_ab is their covariance. A window weights its
-    pixels by a Gaussian with a sigma of 1.5 px. C1 = .01^2 and C2 = .03^2. If a side of the image
-    is under 11 px, the windows are boxes of the largest odd side that fits. An image needs at least
-    LEAST_SIDE_FOR_SSIM px a side.
+    pixels by a Gaussian with a sigma of 1.5 px. C1 = .01^2 and C2 = .03^2. An image needs at least
+    LEAST_SIDE_FOR_SSIM px a side, so that a window fits.
 
     Source: Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004. scikit-image gives
     the same numbers.
     """
     check_shapes(image, other)
-    height, width, channels = image.shape
-    side = min(height, width)
-    box = None if side >= _FULL_WINDOW else side - 1 + side % 2
+    channels = image.shape[2]
     # SSIM is computed in float32, the type of photos and rasters. float64 takes twice the memory.
     planes = ((image[:, :, c], other[:, :, c]) for c in range(channels))
-    return math.fsum(_similarity(a, b, np.float32, box=box) for a, b in planes) / channels
+    return math.fsum(_similarity(a, b, np.float32) for a, b in planes) / channels
 
 
 def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
@@ -146,63 +118,38 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     for c in range(image.shape[2]):
         a, b = image[:, :, c], other[:, :, c]
         product = 1.0
-        for scale, weight in enumerate(_SCALE_WEIGHTS, 1):
-            k1 = _K1 if scale == len(_SCALE_WEIGHTS) else _NO_LUMINANCE
-            product *= max(_similarity(a, b, np.float64, k1=k1), 0.0) ** weight
+        for scale, weight in enumerate((0.0448, 0.2856, 0.3001, 0.2363, 0.1333), 1):
+            # With so large a k1, the luminance term is 1.
+            k1 = 0.01 if scale == 5 else 1e6
+            product *= max(_similarity(a, b, np.float64, k1), 0.0) ** weight
             a, b = _halved(a), _halved(b)
         channels.append(product)
     return float(np.mean(channels))
 
 
 def _similarity(
-    plane: NDArray[np.floating],
-    other: NDArray[np.floating],
-    dtype: Any,
-    box: int | None = None,
-    k1: float = _K1,
+    plane: NDArray[np.floating], other: NDArray[np.floating], dtype: Any, k1: float = 0.01
 ) -> float:
-    """Return the mean SSIM of two planes (h, w).
-
-    The windows are boxes of `box` x `box` px, or Gaussian windows if `box` is None.
-    """
-    rim = (box or _FULL_WINDOW) // 2
+    """Return the mean SSIM of two planes (h, w) over Gaussian windows, as scikit-image has it."""
+    rim = _WINDOW // 2
     rows, total = plane.shape[0] - 2 * rim, 0.0
     assert rows > 0
     # SSIM is computed in bands to save memory. Whole planes of float32 would take 60 bytes a pixel.
     for top in range(0, rows, _BAND):
-        a, b = (
+        x, y = (
             np.ascontiguousarray(each[top : top + _BAND + 2 * rim], dtype)
             for each in (plane, other)
         )
-        mean = _in_windows(a, b, k1) if box is None else _in_boxes(a, b, box)
-        total += (a.shape[0] - 2 * rim) * mean
+        mean_x, mean_y, xx, yy, xy = (
+            smoothed(each, 1.5, 3.5) for each in (x, y, x * x, y * y, x * y)
+        )
+        c1, c2 = k1**2, 0.03**2
+        a1, a2 = 2 * mean_x * mean_y + c1, 2 * (xy - mean_x * mean_y) + c2
+        b1 = mean_x**2 + mean_y**2 + c1
+        b2 = (xx - mean_x * mean_x) + (yy - mean_y * mean_y) + c2
+        inside = ((a1 * a2) / (b1 * b2))[rim:-rim, rim:-rim]
+        total += len(inside) * float(inside.mean(dtype=np.float64))
     return total / rows
-
-
-def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K1) -> float:
-    """Return the mean SSIM over Gaussian windows.
-
-    The result is that of scikit-image.
-    """
-    mean_x, mean_y, xx, yy, xy = (
-        smoothed(plane, 1.5, 3.5) for plane in (x, y, x * x, y * y, x * y)
-    )
-    c1, c2 = k1**2, 0.03**2
-    a1, a2 = 2 * mean_x * mean_y + c1, 2 * (xy - mean_x * mean_y) + c2
-    b1 = mean_x**2 + mean_y**2 + c1
-    b2 = (xx - mean_x * mean_x) + (yy - mean_y * mean_y) + c2
-    inside = slice(_FULL_WINDOW // 2, -(_FULL_WINDOW // 2))
-    return float(((a1 * a2) / (b1 * b2))[inside, inside].mean(dtype=np.float64))
-
-
-def _in_boxes(x: NDArray[np.floating], y: NDArray[np.floating], side: int) -> float:
-    """Return the mean SSIM over all boxes of `side` x `side` px inside the image."""
-    from skimage.metrics import structural_similarity  # imported here, because it takes 0.3 s
-
-    mean: Any = structural_similarity(
-        x, y, data_range=1.0, use_sample_covariance=False, win_size=side
-    )
-    return float(mean)
 
 
 def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -213,12 +160,12 @@ def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def largest_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the largest absolute difference at any pixel in any channel, in levels of 255."""
-    return max(float(np.abs(a - b).max()) for a, b in _bands(image, other)) * 255
+    return max(float(np.abs(band).max()) for band in _differences(image, other)) * 255
 
 
 def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the mean of image - other over all pixels and channels, in levels of 255."""
-    return _mean(np.subtract, image, other) * 255
+    return _mean(_differences(image, other), image) * 255
 
 
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
@@ -252,13 +199,8 @@ WINDOW = 9  # px, side of the box over which errors are averaged (docs/decisions
 # XYZ of linear sRGB light (IEC 61966-2-1). Each row is divided by its sum, which is the XYZ of the
 # white point D65, so that a and b of grey are 0.
 _XYZ = np.array(
-    [
-        [0.412453, 0.357580, 0.180423],
-        [0.212671, 0.715160, 0.072169],
-        [0.019334, 0.119193, 0.950227],
-    ]
+    [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
 )
-_XYZ = (_XYZ / _XYZ.sum(axis=1, keepdims=True)).astype(np.float32)
 
 
 class HueError(NamedTuple):
@@ -309,7 +251,8 @@ def chroma(rgb: NDArray[np.floating]) -> NDArray[np.float32]:
     """
     table = _light()
     levels = np.round(rgb * np.float32(len(table) - 1)).astype(np.int32)
-    xyz = portable.product(np.take(table, levels, mode="clip"), _XYZ.T)
+    to_xyz = (_XYZ / _XYZ.sum(axis=1, keepdims=True)).astype(np.float32)
+    xyz = portable.product(np.take(table, levels, mode="clip"), to_xyz.T)
     x, y, z = np.moveaxis(
         np.where(xyz > 0.008856, portable.cbrt(xyz), 7.787 * xyz + 16 / 116), -1, 0
     )

@@ -29,7 +29,6 @@ from gauss2svg.measure import (
 )
 from gauss2svg.measure.metrics import check_shapes
 from gauss2svg.measure.roundtrip import score_of
-from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, module_command, python_environment, run
 
 
@@ -74,8 +73,6 @@ def _obstacle(score: Score, height: int, width: int, spare: int) -> str:
     needed = score.pixel_bytes * height * width
     if min(height, width) < score.least_side:
         return f"it needs at least {score.least_side} px a side"
-    if height * width > DEFAULT_MAX_PIXELS:
-        return f"it is limited to {DEFAULT_MAX_PIXELS} px"
     if needed > spare:
         memory = f"{needed / 1e9:.2g} GB of memory for {width}x{height} px"
         return f"it needs {memory}, and {max(spare, 0) / 1e9:.2g} GB are left"

@@ -20,7 +20,7 @@ from gauss2svg import portable
 from gauss2svg.errors import InputError
 from gauss2svg.measure import SCORES, Scores, decibels
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.measure.paint import paint_ms, shown_width
+from gauss2svg.measure.roundtrip import paint_ms, shown_width
 from gauss2svg.photo.pixels import Photo, over, pixels_of
 from gauss2svg.pipeline.budgets import measured_size
 from gauss2svg.pipeline.outcome import Outcome

@@ -13,7 +13,6 @@ Both functions raise RendererError if the renderer is not installed.
 
 from __future__ import annotations
 
-import html
 import io
 import re
 from enum import StrEnum
@@ -30,6 +29,7 @@ from gauss2svg.options import Field, Renderer
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.pixels import has_alpha, over
 from gauss2svg.svg.file import from_root, stretched
+from gauss2svg.svg.untrusted import UNMET_MEDIA
 
 RENDERERS: tuple[str, ...] = get_args(Renderer)
 # The functions of these renderers also take the colour of the page.
@@ -56,29 +56,24 @@ class Feature(StrEnum):
     MOVING = "animation, drawn at some moment of it"
 
 
-_NO_FILTERS = "it has no filters but offset, flood and blend"
-_SOME_MOMENT = "it shows some moment of it"
-# For each renderer, the features that it draws wrongly (docs/decisions/renderers.md). The value of
-# a feature is a remark on the fault, or "" if there is nothing to remark. The faults were observed
+# For each feature, the renderers that draw it wrongly (docs/decisions/renderers.md), as observed
 # with resvg 0.48, CairoSVG 2.9, Chromium 156, librsvg 2.54, Firefox 153 and Inkscape 1.2.
-CANNOT_DRAW: dict[str, dict[Feature, str]] = {
-    "resvg": {Feature.TURNED_BLUR: "20 to 43 levels off", Feature.LIGHTER: ""},
-    "cairo": {
-        **dict.fromkeys((Feature.TURNED_BLUR, Feature.BLUR, Feature.FILTER), _NO_FILTERS),
-        Feature.LIGHTER: "",
-        Feature.BLEND: "",
-        Feature.MASK: "119 levels off at a grey; black and white ones are right",
-    },
-    "chromium": {Feature.MOVING: _SOME_MOMENT},
-    "librsvg": {Feature.TURNED_BLUR: "39 to 45 levels off", Feature.LIGHTER: ""},
-    "firefox": {Feature.MOVING: _SOME_MOMENT},
-    "inkscape": {Feature.LIGHTER: "", Feature.PLAIN_HREF: ""},
+NOT_DRAWN_BY: dict[Feature, tuple[str, ...]] = {
+    Feature.TURNED_BLUR: ("resvg", "cairo", "librsvg"),
+    Feature.BLUR: ("cairo",),
+    Feature.LIGHTER: ("resvg", "cairo", "librsvg", "inkscape"),
+    Feature.BLEND: ("cairo",),
+    Feature.FILTER: ("cairo",),
+    Feature.PLAIN_HREF: ("inkscape",),
+    Feature.MASK: ("cairo",),
+    Feature.MOVING: BROWSERS,
 }
 
 
 def drawn_by(*features: Feature) -> tuple[str, ...]:
     """Return the names of the renderers that draw all of these features correctly."""
-    return tuple(name for name in RENDERERS if CANNOT_DRAW[name].keys().isdisjoint(features))
+    wrong = {name for feature in features for name in NOT_DRAWN_BY[feature]}
+    return tuple(name for name in RENDERERS if name not in wrong)
 
 
 # resvg is the default because it is fast and accurate, and because pip installs it as a wheel.
@@ -153,13 +148,13 @@ def rasterize_sized(
 
 def refuse_unsupported(svg: str, renderer: str) -> None:
     """Raise RendererError if the SVG uses a feature that the renderer is known to draw wrongly."""
-    cannot = CANNOT_DRAW[_checked(renderer)]
-    for feature in (each for each in Feature if each in cannot and uses(svg, each)):
-        others = drawn_by(feature)
-        raise RendererError(
-            f"renderer must be one of {', '.join(others)} for what the SVG uses, {feature}; "
-            f"got {renderer}. Try --renderer {others[0]}"
-        )
+    for feature, names in NOT_DRAWN_BY.items():
+        if renderer in names and uses(svg, feature):
+            others = drawn_by(feature)
+            raise RendererError(
+                f"renderer must be one of {', '.join(others)} for what the SVG uses, {feature}; "
+                f"got {renderer}. Try --renderer {others[0]}"
+            )
 
 
 def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDArray[np.float32]:
@@ -192,23 +187,16 @@ def from_png(png: bytes) -> NDArray[np.float32]:
     return pixels
 
 
-def _checked(name: str) -> str:
-    """Return `name` if it is the name of a renderer. Otherwise raise InputError."""
-    return Field("renderer", words=RENDERERS).checked(name)
-
-
 def _renderer_function(renderer: str, suffix: str = "") -> Any:
     """Return the function of a renderer: NAME, or NAME_version if the suffix is "_version"."""
-    name = _checked(renderer)
+    name = Field("renderer", words=RENDERERS).checked(renderer)
     module = "chromium" if name == "chromium" else "renderers"
     return resolve_name(f"gauss2svg.raster.{module}:{name}{suffix}")
 
 
-_GAP = r"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+"  # matches white space and comments of CSS
 # Matches the text after the name of a property if the value of the property has an effect.
-_ON = rf"""{_GAP}[:=]{_GAP}["']?+{_GAP}(?!none|normal|inherit|initial|unset)"""
+_ON = r"""\s*+[:=]\s*+["']?+\s*+(?!none|normal|inherit|initial|unset)"""
 _TAG = r"<(?:[\w.-]+:)?"
-_LINKING = "(?:use|image|pattern|filter|lineargradient|radialgradient)"
 # For each feature: one or more words, separated by blanks, and a pattern. A file that has the
 # feature contains at least one of these words, and it also matches the pattern. The words are
 # looked for first, because this is fast and rules out most files.
@@ -217,48 +205,37 @@ _SEARCHES = {
     Feature.LIGHTER: ("plus-", rf"mix-blend-mode{_ON}plus-"),
     Feature.BLEND: ("mix-blend-mode", rf"mix-blend-mode{_ON}"),
     Feature.FILTER: ("filter", rf"(?<![\w-])(?:-webkit-)?filter{_ON}"),
-    Feature.PLAIN_HREF: ("href", rf"{_TAG}{_LINKING}(?=[^<>]*\shref\s*=)(?![^<>]*:href\s*=)"),
-    Feature.MASK: ("mask", rf"{_TAG}mask\b"),
+    Feature.PLAIN_HREF: (
+        "href",
+        rf"{_TAG}(?:use|image|pattern|filter|(?:linear|radial)gradient)"
+        r"(?=[^<>]*\shref\s*=)(?![^<>]*:href\s*=)",
+    ),
+    Feature.MASK: ("<mask :mask", rf"{_TAG}mask\b"),
     Feature.MOVING: (
-        "animat set discard starting-style",
+        "<animat :animat <set discard starting-style animation",
         rf"{_TAG}(?:animate|set|discard)|@starting-style|(?<![\w-])animation(?:-name)?{_ON}",
     ),
 }
-# Matches a rotation, a skew, a matrix that does more than scale and move, and any transform that is
-# a property of CSS.
-_TURNS = re.compile(
-    r"""rotate|skew|[;"'{\s]transform\s*:|matrix\s*+\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])"""
-)
-# Matches comments, titles and descriptions, which are not drawn. It also matches CDATA, as group 1.
-# `_visible` keeps group 1, because CDATA may be a style sheet.
-_TEXTS = re.compile(
-    rf"(<!\[cdata\[.*?\]\]>)|<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*", re.DOTALL
-)
-# Matches the rules for animation in the style sheet of a file that this project has animated. These
-# rules apply only if reduced motion is not preferred, so `uses` ignores them.
-_FOR_MOTION = re.compile(
-    r"@media[^{}<>@]{0,200}prefers-reduced-motion\s*:\s*no-preference\s*\)\s*\{"
-    r"(?:[^{}<>]*+\{(?:[^{}<>]*+\{[^{}<>]*+\})*+[^{}<>]*+\})*+"
-)
 
 
 def uses(svg: str, feature: Feature) -> bool:
     """Return whether an SVG may use a feature.
 
-    Only the text of the file is searched. So the answer may be true although the feature has no
-    effect in the file.
+    Only the text of the file is searched, without comments, titles, descriptions, and the rules of
+    an animated file of this project, which apply only if reduced motion is not preferred. So the
+    answer may be true although the feature has no effect in the file.
     """
-    if feature is Feature.TURNED_BLUR:
-        return uses(svg, Feature.BLUR) and _TURNS.search(_visible(svg)) is not None
-    words, pattern = _SEARCHES[feature]
-    text = _visible(svg)
+    words, pattern = _SEARCHES[Feature.BLUR if feature is Feature.TURNED_BLUR else feature]
+    text = svg.lower()
     if not any(word in text for word in words.split()):
         return False
-    return re.search(pattern, _FOR_MOTION.sub("", text)) is not None
-
-
-def _visible(svg: str) -> str:
-    """Return the text of an SVG in lower case, without comments, titles and descriptions."""
-    text = _TEXTS.sub(lambda match: match[1] or "", svg.lower())
-    # Character references are replaced by their characters, because XML may use them in any word.
-    return re.sub(r"&#x?[\da-f]+;", lambda match: html.unescape(match[0]), text)
+    unseen = rf"<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*"
+    text = UNMET_MEDIA.sub("", re.sub(unseen, "", text, flags=re.DOTALL))
+    # A rotation, a skew, a matrix that does more than scale and move, or any transform of CSS.
+    turned = (
+        r"""rotate|skew|[;"'{\s]transform\s*:"""
+        r"|matrix\s*+\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])"
+    )
+    if feature is Feature.TURNED_BLUR and not re.search(turned, text):
+        return False
+    return re.search(pattern, text) is not None

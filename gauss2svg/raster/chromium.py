@@ -12,14 +12,12 @@ from __future__ import annotations
 import asyncio
 import atexit
 import os
-import re
 import sys
 import threading
 from collections.abc import Sequence
 from concurrent.futures import wait
 from contextlib import suppress
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,31 +35,17 @@ PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 _FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
 _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
 _SITE = "http://gauss2svg.invalid/"
-_MOVE = "([x, y]) => document.images[0].style = `position: absolute; left: ${x}px; top: ${y}px`"
-_SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
 
 
 def chromium_version() -> str:
     """Return the name and version of Chromium, without starting a browser."""
     _playwright_api()
     path = _program()
-    if sys.platform == "win32":
-        return f"Chromium {_version_beside(path)}"
+    if sys.platform == "win32":  # --version would open a window there
+        return "Chromium of unknown version"
     # The program prints a line such as "Google Chrome 140.0.1" or "Chromium 156.0.8078.79 built on
     # Debian GNU/Linux".
     return renderers.version_line(path).split(" built on ")[0]
-
-
-def _version_beside(path: str) -> str:
-    """Return the version of a Chromium on Windows, from the name of a folder beside the program.
-
-    On Windows, --version would open a window. The installer puts files of Chromium in a folder
-    beside the program. The name of this folder is the version. The Chromium that Playwright
-    downloads has no such folder, so its version is unknown.
-    """
-    names = [folder.name for folder in Path(path).parent.glob("[0-9]*.*.*.*")]
-    numbers = [[int(part) for part in re.findall("[0-9]+", name)] for name in names]
-    return ".".join(map(str, max(numbers))) if numbers else "of unknown version"
 
 
 def chromium(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
@@ -150,11 +134,14 @@ class _Browser:
             await page.goto(_SITE)
             # wait_for_function() has a time limit. evaluate() has none, so it would wait forever if
             # the page hangs.
-            size = await page.wait_for_function(_SIZE)
+            size = await page.wait_for_function(
+                "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
+            )
             if await size.json_value() != [width, height]:
                 raise RendererError("Chromium cannot draw the SVG: not a supported image")
             for x, y in _OFFSETS:
-                await page.wait_for_function(_MOVE, arg=[x, y])
+                style = f"position: absolute; left: {x}px; top: {y}px"
+                await page.wait_for_function("to => document.images[0].style = to", arg=style)
                 shot = from_png(await page.screenshot(omit_background=is_clear))
                 levels = np.rint(255 * shot[y : y + height, x : x + width])
                 # Colours are premultiplied by alpha here, because the mean of several images is
@@ -182,9 +169,7 @@ class _Browser:
         try:
             self._browser = await self._playwright.chromium.launch(**launching)
         except api.Error as error:
-            text, path = str(error), launching["executable_path"]
-            reasons = re.findall(r"<(process did .*)>", text) + re.findall(r"\[err\] (.*\S)", text)
-            why = [_first_line(error), *reasons][-1]
+            why, path = _first_line(error), launching["executable_path"]
             raise RendererError(
                 f"Chromium did not start: {why}. Try to reinstall {path}, or --renderer resvg"
             ) from error

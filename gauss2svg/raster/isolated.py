@@ -63,16 +63,16 @@ def main() -> int:
     # On Linux, the process may take 4 GiB of memory, plus 64 bytes for each pixel of the raster.
     _limit_memory((4 << 30) + 64 * width * height)
     try:
-        svg = sys.stdin.buffer.read().decode()
-        pixels = rasterize_sized(svg, width, height, renderer, clear)
+        pixels = rasterize_sized(sys.stdin.buffer.read().decode(), width, height, renderer, clear)
         pixels = pixels if clear else over(pixels)
-    except Gauss2SvgError as error:
-        return _refuse(str(error))
-    except MemoryError:
-        return _refuse(f"{renderer} is out of memory. Try a smaller or simpler SVG")
     except Exception as error:
-        # There is a bug, here or in a library. The class of the error helps to find it.
-        return _refuse(f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}")
+        message = f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}"  # a bug
+        if isinstance(error, Gauss2SvgError):
+            message = str(error)
+        elif isinstance(error, MemoryError):
+            message = f"{renderer} is out of memory. Try a smaller or simpler SVG"
+        print(" ".join(message.split()), file=sys.stderr)
+        return _REFUSED
     with answer:
         answer.write(np.ascontiguousarray(pixels, np.float32).data)
     return 0
@@ -89,11 +89,6 @@ def _limit_memory(limit: int) -> None:
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-
-
-def _refuse(message: str) -> int:
-    print(" ".join(message.split()), file=sys.stderr)
-    return _REFUSED
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ import os
 import re
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,32 +38,11 @@ BLANKS = "\ufeff \t\r\n"  # characters that may precede the first <
 # The default limit of a file's size in bytes, after gunzipping. Without a limit, a hostile file
 # could become a thousand times as large when it is gunzipped.
 MOST_BYTES = 256_000_000
-# Matches all that may precede the root: blanks, comments, processing instructions other than
-# xml-stylesheet, and document types that declare nothing but texts without markup.
-_ENTITY = r"""<!ENTITY\s++([\w.-]++)\s++(?:"([^"'<>&%]{0,200})"|'([^"'<>&%]{0,200})')\s*+>"""
-_BEFORE_ROOT = re.compile(
-    r"""(?:[\s\ufeff]++|<\?(?!xml-stylesheet).*?\?>|<!--.*?-->"""
-    r"""|<!DOCTYPE(?:[^\[\]<>"']|"[^"]*"|'[^']*')*+"""
-    rf"""(?:\[(?:\s++|<!--.*?-->|{_ENTITY})*+\]\s*+)?+>)*+""",
-    re.DOTALL,
-)
-_ATTRIBUTE = re.compile(r"""\s+([^\s=/>]+)\s*=\s*(?:"[^"]*"|'[^']*')""")
-_START_TAG = re.compile(rf"<([^\s/>]+)((?:{_ATTRIBUTE.pattern})*+)")
 # Matches a number. float() alone would also accept nan, inf and 1_000. Possessive quantifiers never
 # give back what they have matched. So the time is linear even if the text has a long run of digits
 # that is no part of a number.
 NUMBER = r"[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+"
 _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
-
-# The beginning of a file that gauss2svg wrote: the attributes of its root, its description, and the
-# path of its background. Programs that save it again put attributes on lines of their own, or drop
-# the description and close the path.
-_OWN = re.compile(
-    r"""(?:<\?xml version="1.0" encoding="utf-8"\?>\n)?<svg((?: [\w:-]+=(?:"[^"]*"|'[^']*'))+)"""
-    r"""(?<=")>(?:<title>[^<]*</title>)?(?:<desc>([^<]*)</desc>)?"""
-    r"""((?:<defs>.*?</defs>)?(?:<svg>)?<path(?: fill="#[0-9a-f]+")? d="M0 0h\d+v\d+H0"/>)?""",
-    re.DOTALL,
-)
 
 
 def read_source(
@@ -106,26 +86,22 @@ def read_source(
 
 
 def _decoded(data: bytes, name: str) -> str:
+    """Return the text of a file in its encoding.
+
+    That is UTF-8, as in browsers, if the declared one is unknown or could not have the ASCII
+    characters of its declaration.
+    """
     declared = re.match(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""", data)
-    encoding = _encoding(declared[1].decode()) if declared else "utf-8"
-    encoding = "utf-16" if data.startswith(UTF16_MARKS) else encoding
+    encoding = "utf-16" if data.startswith(UTF16_MARKS) else "utf-8"
+    if declared:
+        with suppress(LookupError, ValueError):
+            named = declared[1].decode()
+            encoding = named if "<?xml".encode(named) == b"<?xml" else encoding
     try:
         return data.decode(encoding)
     except ValueError as error:
         needed = f"an SVG in {encoding[:40]}"
         raise refusal(name, needed, brief(error), "to save it as UTF-8") from error
-
-
-def _encoding(declared: str) -> str:
-    """Return the encoding of a file that declares one in ASCII characters.
-
-    It is UTF-8, as in browsers, if the declared one is unknown or could not have these characters.
-    """
-    name = declared.lower().removeprefix("x-")
-    try:
-        return name if "<?xml".encode(name) == b"<?xml" else "utf-8"
-    except (LookupError, ValueError):
-        return "utf-8"
 
 
 def from_root(text: str) -> str:
@@ -139,14 +115,21 @@ def from_root(text: str) -> str:
     # renderer finds.
     if "\0" in text:
         raise refusal("the SVG", "without null characters", "some", "to save it as UTF-8")
-    before = _BEFORE_ROOT.match(text)
+    # Blanks, comments, processing instructions other than xml-stylesheet, and document types that
+    # declare nothing but texts without markup may precede the root.
+    entity = r"""<!ENTITY\s++([\w.-]++)\s++["']([^"'<>&%]{0,200})["']\s*+>"""
+    before_root = re.compile(
+        r"""(?:[\s\ufeff]++|<\?(?!xml-stylesheet).*?\?>|<!--.*?-->"""
+        r"""|<!DOCTYPE(?:[^\[\]<>"']|"[^"]*"|'[^']*')*+"""
+        rf"""(?:\[(?:\s++|<!--.*?-->|{entity})*+\]\s*+)?+>)*+""",
+        re.DOTALL,
+    )
+    before = before_root.match(text)
     end = before.end() if before else 0
     rest = text[end:]
-    # The first declaration of a name counts. Texts and references that are replaced are limited,
-    # because a reference may become 200 characters. Illustrator declares a dozen texts, and refers
-    # to each once or twice.
-    found = re.findall(_ENTITY, text[:end])[:100]
-    if values := {name: "".join(texts) for name, *texts in reversed(found)}:
+    # Texts and references that are replaced are limited, because a reference may become 200
+    # characters. Illustrator declares a dozen texts, and refers to each once or twice.
+    if values := dict(re.findall(entity, text[:end])[:100]):
         names = re.compile(f"&({'|'.join(map(re.escape, values))});")
         rest = names.sub(lambda match: values[match[1]], rest, count=1000)
     if rest.startswith(("<!DOCTYPE", "<?xml-stylesheet")):
@@ -182,15 +165,16 @@ def stretched(text: str, width: int, height: int, view_box: str | None = None) -
 
     A width in the style of the root remains, because it has no effect in any renderer.
     """
+    attribute = r"""\s+([^\s=/>]+)\s*=\s*(?:"[^"]*"|'[^']*')"""
     size = {"width": width, "height": height, "preserveAspectRatio": "none"}
     if view_box is not None:
         size["viewBox"] = view_box
-    tag = _START_TAG.match(text)
-    own = [(one[1], one[0]) for one in _ATTRIBUTE.finditer(tag[2])] if tag else []
-    if tag is None or (view_box is None and "viewBox" not in dict(own)):
+    tag = re.match(rf"<([^\s/>]+)((?:{attribute})*+)", text)
+    own = {match[1]: match[0] for match in re.finditer(attribute, tag[2])} if tag else {}
+    if tag is None or (view_box is None and "viewBox" not in own):
         return text
     written = "".join(f' {name}="{value}"' for name, value in size.items())
-    kept = "".join(attribute for name, attribute in own if name not in size)
+    kept = "".join(attribute for name, attribute in own.items() if name not in size)
     return f"<{tag[1]}{written}{kept}{text[tag.end() :]}"
 
 
@@ -237,9 +221,7 @@ def frame_of(root: Mapping[str, str]) -> Frame:
     InputError if there is neither a viewBox nor a width and a height in absolute units. Also raise
     InputError if a number is too large or too small for renderers.
     """
-    side_in_style = rf"(?:^|;)\s*+(width|height)\s*+:\s*+({NUMBER}[a-z]*+)\s*+(?=;|$)"
-    styled = dict(re.findall(side_in_style, root.get("style", "")))
-    sides = [pixels_of(styled.get(name) or root.get(name, "")) for name in ("width", "height")]
+    sides = [pixels_of(root.get(name, "")) for name in ("width", "height")]
     box = list(map(float, re.findall(NUMBER, root.get("viewBox", ""))))
     if not _LIST.fullmatch(root.get("viewBox", "")) or len(box) != 4 or min(box[2:]) < 0:
         box = None
@@ -276,12 +258,21 @@ def is_own(path: str | os.PathLike[str]) -> bool:
     read counts as one of another program.
     """
     try:
-        own = _OWN.match(read_source(Path(path), MOST_BYTES)[1])
+        text = read_source(Path(path), MOST_BYTES)[1]
     except InputError:
         return False
+    # Programs that save a file again put attributes on lines of their own, or drop the description
+    # and close the path.
+    own = re.match(
+        r"""(?:<\?xml version="1.0" encoding="utf-8"\?>\n)?"""
+        r"""<svg((?: [\w:-]+=(?:"[^"]*"|'[^']*'))+)"""
+        r"""(?<=")>(?:<title>[^<]*</title>)?(?:<desc>([^<]*)</desc>)?"""
+        r"""((?:<defs>.*?</defs>)?(?:<svg>)?<path(?: fill="#[0-9a-f]+")? d="M0 0h\d+v\d+H0"/>)?""",
+        text,
+        re.DOTALL,
+    )
     root, description, background = own.groups("") if own else ("", "", "")
-    is_signed = signed(NAMESPACE) in root
-    return is_signed or background != "" or "written by gauss2svg" in description
+    return bool(background) or signed(NAMESPACE) in root or "written by gauss2svg" in description
 
 
 def file_bytes(svg: str | bytes, gzipped: bool) -> bytes:
@@ -306,10 +297,9 @@ def bytes_by_part(svg: str) -> dict[str, int]:
     # The patterns always find whole elements, because texts and attributes have entities in place
     # of the characters < and >.
     rest = re.sub(rb"<defs>.*?</defs>", b"", data, flags=re.DOTALL)
-    shapes = re.findall(rb"<(?:circle|ellipse|path|use)\b[^>]*>", rest)
-    gradients, geometry = len(data) - len(rest), sum(map(len, shapes))
-    overhead = len(rest) - geometry
-    return {"gradients": gradients, "geometry": geometry, "overhead": overhead}
+    geometry = sum(map(len, re.findall(rb"<(?:circle|ellipse|path|use)\b[^>]*>", rest)))
+    gradients = len(data) - len(rest)
+    return {"gradients": gradients, "geometry": geometry, "overhead": len(rest) - geometry}
 
 
 def image(data: bytes, media_type: str, alt: str) -> str:

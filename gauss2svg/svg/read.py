@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import os
 import re
-from array import array
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -60,32 +59,17 @@ from gauss2svg.svg.read_values import Affine, Fill, color_of, compose, share_of,
 # takes about 3 GB of memory.
 MOST_ELEMENTS = 4_000_000
 _DEEPEST = 100  # largest depth of nested groups
-_LABEL = INKSCAPE + "label"
 _GROUPS = {"svg", "g", "use"}
-_PATHS = {"path", "rect", "polygon", "polyline", "line"}
+_SHAPES = {"path", "rect", "polygon", "polyline", "line", "circle", "ellipse"}
 _GRADIENTS = "radialGradient", "linearGradient"
 # Elements that draw nothing themselves.
 _SILENT = {"title", "desc", "metadata", "defs", *_GRADIENTS, "filter", "mask", "style", "clipPath"}
 # Attributes and properties that change how a shape looks. An element with one of them is refused,
-# unless its value is none, normal, inherit or visible, or the pair of the element's tag and the
-# attribute is in _READ.
+# unless its value is none, normal, inherit or visible.
 _EFFECTS = {"vector-effect", "filter", "mask", "mix-blend-mode", "visibility", "animation"}
 _EFFECTS |= {"translate", "rotate", "scale", "transform-origin", "transform-box", "offset-path"}
 _EFFECTS |= {"zoom", "systemLanguage", "all"}
 _EFFECTS |= {"marker", "marker-start", "marker-mid", "marker-end"}
-_READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
-# Attributes of an inner <svg> that clips the picture. With these values it covers the view box.
-_INNER = {"x": "0", "y": "0", "width": "100%", "height": "100%", "viewBox": "none"}
-# Attributes of a clipPath, and of a rectangle in it, with which it is not just the rectangle
-_CLIPS = {"clipPathUnits", "clip-path", "mask", "display", "visibility", "transform-origin"}
-# Once the blanks of a style sheet are removed, this matches each rule that write_svg writes into
-# it. Only the rules for stops are read.
-_RULE = re.compile(
-    rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
-    rf"stop-opacity:({NUMBER})\}}|svg>g:target~g\{{display:none;?\}}"
-    r"|@media\(prefers-reduced-motion:no-preference\)\{@keyframesfade-in\{from\{opacity:0;?\}\}"
-    rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*+\}}"
-)
 
 
 def read_svg(
@@ -153,12 +137,15 @@ class _State(NamedTuple):
 
 
 class _Shape(NamedTuple):
-    """A shape without its two maps of the unit circle.
+    """A shape.
 
-    The maps of all shapes are in one array, because that takes only a third of the memory.
+    outline  map of the unit circle onto the outline, in px
+    disc     map of the unit circle onto the edge of the fill, in px
     """
 
     element: Any
+    outline: Affine
+    disc: Affine
     fill: Fill
     opacity: float
     round: int
@@ -177,9 +164,6 @@ class _Reader:
         self._arcs = read_values.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._areas: list[Area] = []
         self._shapes: list[_Shape] = []
-        # There are two maps for each shape. The first maps the unit circle onto the outline of the
-        # shape in px, and the second maps it onto the edge of the shape's fill.
-        self._maps = array("d")
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
             with _naming(sheet):
@@ -195,12 +179,20 @@ class _Reader:
 
         Raise InputError if the sheet has rules that write_svg does not write.
         """
+        # Matches each rule that write_svg writes, once the blanks of the style sheet are removed.
+        rule = (
+            rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
+            rf"stop-opacity:({NUMBER})\}}|svg>g:target~g\{{display:none;?\}}"
+            r"|@media\(prefers-reduced-motion:no-preference\)"
+            r"\{@keyframesfade-in\{from\{opacity:0;?\}\}"
+            rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*+\}}"
+        )
         text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
-        if len(sheet) or _RULE.sub("", text):
+        if len(sheet) or re.sub(rule, "", text):
             needed = "one that write_svg writes for a scene whose blend is 'over'"
             advice = "to write what it sets into the elements, or the scene of --save-scene"
             raise refusal("the style sheet", needed, quoted((sheet.text or "").strip()), advice)
-        for key, opacity in _RULE.findall(text):
+        for key, opacity in re.findall(rule, text):
             if key:
                 self._opacities[key].append(opacity)
 
@@ -210,7 +202,7 @@ class _Reader:
         if space + "}" != SVG or tag in _SILENT:
             return  # an element of another namespace or with a tag in _SILENT draws nothing
         with _naming(element):
-            if tag not in {*_GROUPS, *_PATHS, "circle", "ellipse"} or parent.depth > _DEEPEST:
+            if tag not in _GROUPS | _SHAPES or parent.depth > _DEEPEST:
                 needed = f"paths and plain shapes alone, in groups of at most {_DEEPEST}"
                 advice = "to delete it, or to convert it to paths"
                 raise refusal("elements", needed, brief(tag), advice)
@@ -236,7 +228,9 @@ class _Reader:
                 state = state._replace(onto=compose(state.onto, (1.0, 0.0, 0.0, 1.0, x, y)))
                 children = [target_of(self._by_id, read_values.link_of(element), "circle", "use")]
             elif tag in ("svg", "g"):
-                for name, whole in _INNER.items() if tag == "svg" and parent.depth else ():
+                # An inner <svg> clips the picture. It covers the view box with these values.
+                inner = {"x": "0", "y": "0", "width": "100%", "height": "100%", "viewBox": "none"}
+                for name, whole in inner.items() if tag == "svg" and parent.depth else ():
                     if (value := attributes.get(name, whole)) != whole:
                         raise refusal(f"its {name}", whole, quoted(value), "to undo what set it")
                 number = _round_of(element)
@@ -269,10 +263,9 @@ class _Reader:
             fill = self._fill_of(own_fill, attributes, edge)
             if len(edges) > 1 and (alpha < 1 or fill.drawn != PLAIN):
                 raise refusal("ellipses of one path", "opaque and of one colour", "another fill")
-            outline, opacity = compose(state.onto, edge), min(1.0, alpha * fill.peak)
-            disc = compose(state.onto, fill.disc) if fill.disc else outline
-            self._maps.extend((*outline, *disc))
-            self._shapes.append(_Shape(element, fill, opacity, number, len(self._areas)))
+            outline, disc = compose(state.onto, edge), compose(state.onto, fill.disc or edge)
+            opacity, level = min(1.0, alpha * fill.peak), len(self._areas)
+            self._shapes.append(_Shape(element, outline, disc, fill, opacity, number, level))
         return None
 
     def _has_ramp(self, fill: str) -> bool:
@@ -366,8 +359,12 @@ class _Reader:
 
     def _sides(self, attributes: Mapping[str, str]) -> dict[str, float]:
         """Return x, y, width and height of a rectangle, in user units."""
-        whole = dict(zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True))
-        return {name: _side(attributes.get(name, "0"), name, whole[name]) for name in whole}
+        sides = dict[str, float]()
+        for name, whole in zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True):
+            text = attributes.get(name, "0")
+            side = numbers(text.removesuffix("%"), name, 1)[0]
+            sides[name] = side * whole / 100 if text.endswith("%") else side
+        return sides
 
     def _covers(self, sides: Mapping[str, str], onto: Affine) -> bool:
         """Return whether a rectangle covers the canvas.
@@ -389,16 +386,16 @@ class _Reader:
         owner = self._by_id.get(read_values.reference_of(clip) or "")
         if owner is None or owner.tag != SVG + "clipPath" or len(owner) != 1:
             return False
-        own = styled(owner[0])
-        moved = compose(onto, read_values.transform_of(own.get("transform", "")))
-        is_plain = owner[0].tag == SVG + "rect" and "transform" not in owner.attrib
-        is_plain &= not _CLIPS & (owner.attrib.keys() | own.keys())
-        return is_plain and self._covers(own, moved)
+        own = owner[0].attrib
+        is_plain = owner[0].tag == SVG + "rect" and "clipPathUnits" not in owner.attrib
+        is_plain &= own.keys() <= {"x", "y", "width", "height", "fill", "transform", "id"}
+        onto = compose(onto, read_values.transform_of(own.get("transform", "")))
+        return is_plain and self._covers(own, onto)
 
     def scene(self) -> Scene:
         """Return the scene of all shapes. Raise InputError if a scene cannot hold one of them."""
         shapes = self._shapes
-        maps = np.array(self._maps).reshape(-1, 2, 3, 2)
+        maps = np.array([(shape.outline, shape.disc) for shape in shapes]).reshape(-1, 2, 3, 2)
         edge, disc = maps.transpose(1, 0, 3, 2)
         rows = disc[:, :, :2]  # the linear parts (n, 2, 2) of the maps
         with np.errstate(all="ignore"):
@@ -478,15 +475,11 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
                 # A scene composites each shape by itself, so a group cannot have an opacity.
                 advice = "to set that of each shape"
                 raise refusal("opacity of a group", "1", quoted(value), advice)
-        elif name in _EFFECTS and (tag, name) not in _READ and value.lower() not in off:
+        elif name in _EFFECTS and value.lower() not in off:
+            if name in ("filter", "mask") and tag in ("circle", "ellipse", "path"):
+                continue  # `_add` reads these
             raise refusal(f"its {name}", "none", quoted(value), "to remove it")
     return parent._replace(**changes) if changes else parent
-
-
-def _side(text: str, name: str, whole: float) -> float:
-    """Return the number in a text. If the text is a percentage, return that share of `whole`."""
-    scale = whole / 100 if text.endswith("%") else 1.0
-    return scale * numbers(text.removesuffix("%"), name, 1)[0]
 
 
 def _round_of(group: Any) -> int | None:
@@ -495,7 +488,7 @@ def _round_of(group: Any) -> int | None:
     The number is read from the label of the group. If the label has none, it is read from the id.
     Return None if neither has a number.
     """
-    label = re.match(r"Round ([1-9]\d{0,8})\b", group.get(_LABEL, ""))
+    label = re.match(r"Round ([1-9]\d{0,8})\b", group.get(INKSCAPE + "label", ""))
     own_id = r"(?:below-area-\d+-)?round-([1-9]\d{0,8})"
     match = label or re.fullmatch(own_id, group.get("id", ""))
     return int(match[1]) - 1 if match else None
@@ -515,10 +508,8 @@ def _name(element: Any) -> str:
 
     If the element has neither an id nor a label, return the tag with its first three attributes.
     """
-    named = [(key, element.get(key)) for key in ("id", _LABEL) if element.get(key)]
-    shown = " ".join(f'{_bare(k)}="{v}"' for k, v in named or list(element.attrib.items())[:3])
-    return f"<{_bare(element.tag)[:40]} {' '.join(shown.split())[:120]}>".replace(" >", ">")
-
-
-def _bare(tag: str) -> str:
-    return tag.rpartition("}")[2]
+    own = element.attrib
+    names = [name for name in ("id", INKSCAPE + "label") if name in own] or list(own)[:3]
+    shown = [f'{name.rpartition("}")[2]}="{own[name]}"' for name in names]
+    words = " ".join(" ".join(shown).split())[:120]
+    return f"<{element.tag.rpartition('}')[2][:40]} {words}>".replace(" >", ">")

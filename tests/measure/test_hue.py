@@ -6,7 +6,6 @@ from scipy.ndimage import uniform_filter
 from skimage import data
 from skimage.color import rgb2lab
 
-from gauss2svg.errors import InputError
 from gauss2svg.measure.metrics import box_mean, chroma, local_hue_error
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo.pixels import views
@@ -27,15 +26,14 @@ def test_a_and_b_are_those_of_scikit_image():
     assert chroma(between) == pytest.approx(rgb2lab(between)[..., 1:], abs=0.1)
 
 
-@pytest.mark.parametrize("window", [1, 3, 9, 13])
-@pytest.mark.parametrize("shape", [(1, 1), (2, 3, 5), (2, 9, 20), (40, 30), (1, 50)])
+@pytest.mark.parametrize(("shape", "window"), [((1, 1), 9), ((2, 3, 5), 3), ((40, 30), 13)])
 def test_means_over_boxes_are_those_of_scipy(shape, window):
     planes = RNG.standard_normal(shape).astype(np.float32)
     expected = uniform_filter(planes, window, axes=(-2, -1))
     assert box_mean(planes, window) == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize("size", [(179, 185), (150, 20), (5, 7), (1, 1)])
+@pytest.mark.parametrize("size", [(150, 20), (5, 7)])
 def test_the_error_is_that_of_the_definition(size):
     photo, image = (picture[: size[0], : size[1]] for picture in (PHOTO, NOISY))
     a, b = np.moveaxis(rgb2lab(image) - rgb2lab(photo), 2, 0)[1:]
@@ -62,13 +60,6 @@ def test_a_lost_dot_is_found_at_its_place_and_the_more_the_larger_it_is():
     assert local_hue_error(0.9 * GREY, GREY).worst < 0.1  # only the lightness differs
 
 
-def test_an_edge_that_is_a_pixel_off_counts_much_less_than_a_part_without_its_color():
-    photo = GREY.copy()
-    photo[:, 40:] = 0.2, 0.2, 0.8
-    off = local_hue_error(np.roll(photo, 1, axis=1)[:, 20:60], photo[:, 20:60])
-    assert off.worst < local_hue_error(GREY, photo).worst / 8
-
-
 @pytest.mark.parametrize(("color", "worse"), [((1, 1, 0), 0), ((0, 0, 1), 1)])
 def test_of_a_transparent_photo_the_worse_error_of_over_white_and_over_black_counts(color, worse):
     photo = np.dstack([GREY, np.ones(GREY.shape[:2], np.float32)])
@@ -77,8 +68,3 @@ def test_of_a_transparent_photo_the_worse_error_of_over_white_and_over_black_cou
     over = [local_hue_error(each, GREY) for each in views(image)]
     assert local_hue_error(image, photo) == over[worse]
     assert over[worse].worst > over[1 - worse].worst + 1
-
-
-def test_pictures_of_different_shape_are_refused():
-    with pytest.raises(InputError, match="of one shape"):
-        local_hue_error(GREY, GREY[:-1])

