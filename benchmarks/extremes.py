@@ -1,8 +1,21 @@
 """Scenes at the limits of what a scene may hold: accuracy of renderers, gradients and files.
 
-tests/whole/test_extremes.py asserts the bounds of each case. Gradients are taken along the natural
-coordinates of each shape (natural), and compared relative to the largest of their kind, or to a
-thousandth of the largest of all. The reference needs pip install "gauss2svg[torch]".
+    python benchmarks/extremes.py
+
+The script prints a Markdown table with a row for each case:
+
+    float32    largest difference, in 0..1, of the fast renderer's picture from the torch reference
+               in float64; in brackets that of the torch reference in float32
+    float64    the same for the fast renderer in float64
+    gradient   largest relative difference of gradients from the reference's by autograd in
+               float64: the fast renderer in float32, in float64, and the torch reference in
+               float32. They are taken along the natural coordinates of each shape (natural), and
+               relative to the largest of their kind, or to a thousandth of the largest of all
+    file       the SVG rasterised by resvg against the model: PSNR in dB and largest error in levels
+               of 255, or "refused" where it cannot be written
+
+tests/whole/test_extremes.py asserts the bounds of each case, which are in the table as well. The
+reference needs pip install "gauss2svg[torch]".
 """
 
 from __future__ import annotations
@@ -14,6 +27,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from common import head, line
 from numpy.typing import NDArray
 
 from gauss2svg import Scene, SceneError, SvgFormat, quantize, write_svg
@@ -21,7 +35,7 @@ from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_accumulate, fast_composite
-from gauss2svg.render.reference import accumulate, below_one, composite
+from gauss2svg.render.reference import accumulate, below_one, composite, render_reference
 from gauss2svg.scene import ADD, RHO_LIMIT, narrowing_of
 
 WIDTH, HEIGHT = 40, 36  # px: two and a half tiles by two and a quarter
@@ -191,6 +205,15 @@ def cases() -> Iterator[Case]:
     yield Case("additive: colours of 100 that cancel", scene_of([_MIDDLE, _MIDDLE], 5.0, **strong))
 
 
+def picture_differences(scene: Scene) -> tuple[float, float, float]:
+    """Largest differences from the reference: fast float32, fast float64, reference float32."""
+    exact = render_reference(scene).numpy()
+    plain = render_reference(scene, dtype=torch.float32).numpy()
+    pictures = (render(scene), render(scene, dtype=np.float64), plain)
+    single, double, plain = (float(np.abs(one - exact).max()) for one in pictures)
+    return single, double, plain
+
+
 def gradients(scene: Scene, fast: bool, dtype: torch.dtype) -> Gradients:
     """Gradients of a random linear loss along the natural coordinates of each shape.
 
@@ -266,3 +289,25 @@ def drawn_file(scene: Scene) -> tuple[float, float] | SceneError:
     width, height = round(scene.width), round(scene.height)
     raster, model = rasterize(svg, width, height), np.clip(render(quantize(scene)), 0, 1)
     return metrics.psnr(raster, model), metrics.largest_error(raster, model)
+
+
+def row(case: Case) -> list[str]:
+    """Return the cells of a case."""
+    single, double, plain = picture_differences(case.scene)
+    exact = gradients(case.scene, False, torch.float64)
+    kinds = ((True, torch.float32), (True, torch.float64), (False, torch.float32))
+    off = [gradient_difference(gradients(case.scene, *kind), exact)[0] for kind in kinds]
+    file = drawn_file(case.scene)
+    shown = "refused" if isinstance(file, SceneError) else f"{file[0]:.1f} dB, {file[1]:.1f}"
+    levels = "refused" if case.levels is None else f"{case.levels:g}"
+    return [
+        case.name, f"{single:.1e} ({plain:.1e})", f"{double:.1e}",
+        f"{off[0]:.1e}, {off[1]:.1e} ({off[2]:.1e})", shown,
+        f"{case.single:g}, {case.double:g}, {case.gradient:g}, {levels}", case.reason,
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    print(head(["case", "float32", "float64", "gradient", "file", "bounds", "reason"]))
+    for case in cases():
+        print(line(row(case)), flush=True)
