@@ -13,7 +13,7 @@ from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
 from gauss2svg.scene.inks import PALETTE_SUFFIX
-from gauss2svg.studio.worker import MASK, stem_of
+from gauss2svg.studio.worker import MASK
 
 # Largest number of pixels of a PNG. Drawing so large a PNG takes half a gigabyte of memory.
 MOST_DRAWN = 40_000_000
@@ -108,7 +108,7 @@ def lines_of(name: str, options: Options, has_focus: bool = False) -> dict[str, 
     words = ["gauss2svg", _as_file_name(name), "-o", _as_file_name(output)]
     arguments, names = [repr(name)], ["vectorize"]
     if has_focus:
-        mask = f"{stem_of(name)}-{MASK}"
+        mask = f"{PurePath(name).stem}-{MASK}"
         words += ["--focus", _as_file_name(mask)]
         arguments.append(f"focus={mask!r}")
     for key, group in GROUPS.items():
