@@ -163,7 +163,6 @@ def completed(
     jobs: dict[Future[Any], Any] = {}
     try:
         while True:
-            processes.pending()
             for request in islice(requests, max(0, width() - len(jobs))):
                 jobs[submit(request)] = request
             if not jobs:

@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -25,17 +25,6 @@ from typing import NamedTuple
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
 MEMORY_SHARE = 0.8  # share of the free memory that this program may take by default
 _CHECK_S = 0.2  # seconds between two checks whether the parent is alive
-
-
-def nothing() -> None:
-    """Do nothing. This is the value of `pending` as long as no signal has come."""
-
-
-# Long work calls this function between its tasks and at its end. It does nothing as long as no
-# signal has come. When a signal comes, the signal handler raises an exception, but Python drops the
-# exception if a callback of the garbage collector or of C code is running. So the handler also
-# replaces this function by one that raises the exception again.
-pending: Callable[[], None] = nothing
 
 
 def keep_freed_memory() -> None:

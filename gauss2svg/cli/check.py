@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from gauss2svg import files
-from gauss2svg.cli.terminal import counting_bar, say
+from gauss2svg.cli.terminal import say
 from gauss2svg.errors import Gauss2SvgError, brief, of_file, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.measure import CheckOptions
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
 from gauss2svg.photo import SUFFIXES
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.processes import command_line
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def run(given: dict[str, Any]) -> int:
         more = f" and {len(alone) - 10} more" if len(alone) > 10 else ""
         lines.append(f"without a partner of the same name: {', '.join(alone[:10])}{more}")
         status = 1
-    with counting_bar(output.quiet or is_one) as update:
+    with counting(output.quiet or is_one) as update:
         for (photo, svg), paths in zip(pairs, targets, strict=True):
             update(svg, len(records), len(pairs))
             try:

@@ -15,13 +15,14 @@ from typing import Any, get_args
 
 from gauss2svg.cli.parser import Parser
 from gauss2svg.cli.terminal import (
+    SIGNALS,
+    UNTOUCHED,
     Terminated,
     drop_output,
     handling,
-    hold_closed_descriptors,
-    ignore_signals,
-    print_utf8,
+    prepare_streams,
     say,
+    set_handlers,
     status_of,
 )
 from gauss2svg.errors import Gauss2SvgError, error_line, nearest, refusal
@@ -91,7 +92,6 @@ def main(arguments: list[str] | None = None) -> int:
     130  ended by Ctrl-C, even if the best result so far was written
     143  ended by SIGTERM or Ctrl-Break, even if the best result so far was written
     """
-    hold_closed_descriptors()
     # Warnings and log messages of libraries are not printed, because standard error is for messages
     # of this program. Python prints log messages if there is no handler, so a handler that does
     # nothing is added. The logger of concurrent.futures has a handler of its own that prints, so
@@ -121,20 +121,21 @@ def main(arguments: list[str] | None = None) -> int:
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except KeyboardInterrupt as interrupt:
-        say(str(interrupt) or "interrupted; every file is whole or untouched")
+        say(str(interrupt) or UNTOUCHED)
         return status_of(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
 
 
 def run() -> None:
     """Run the command and exit with its status."""
-    print_utf8()
+    prepare_streams()
     # Python searches for garbage each time that it has made 700 more objects. Imports make more
     # than a hundred thousand objects, nearly all of which are kept. Commands for many photos or
     # requests make more garbage, so they keep the usual search.
     if COMMANDS.keys().isdisjoint(sys.argv[1:2]):
         gc.set_threshold(1_000_000)
     status = main()
-    ignore_signals()
+    # The exit status is already known.
+    set_handlers(dict.fromkeys(SIGNALS, signal.SIG_IGN))
     sys.exit(status)
 
 

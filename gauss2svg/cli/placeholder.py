@@ -6,10 +6,11 @@ from typing import Any
 from gauss2svg.batch.inputs import local_photos
 from gauss2svg.batch.placeholders import PlaceholderList, PlaceholderOptions
 from gauss2svg.cli.parser import STATUS_SOME_FAILED
-from gauss2svg.cli.terminal import counting_bar, say
+from gauss2svg.cli.terminal import say
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically, write_output
 from gauss2svg.options import OptionGroup
+from gauss2svg.pipeline.progress_display import counting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +38,7 @@ def run(given: dict[str, Any]) -> int:
     paths, output = local_photos(command.photos), command.output
     entries = PlaceholderList(paths, output, PlaceholderOptions.of(given))
     try:
-        with counting_bar(command.quiet) as update:
+        with counting(command.quiet) as update:
             for done, photo in enumerate(entries.photos):
                 update(photo.name, done, len(entries.photos))
                 entries.add(photo)

@@ -11,7 +11,7 @@ import threading
 import time
 import unicodedata
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING, Any
 
 from gauss2svg.errors import on_one_line
@@ -41,18 +41,29 @@ def shown() -> AbstractContextManager[ProgressCallback | None]:
 
 
 @contextmanager
-def counting() -> Iterator[Callable[[str, int, int], None]]:
+def counting(quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
     """Show a bar of tasks in a notebook or a terminal, and yield a function that moves the bar.
 
-    The function is update(current step, finished tasks, number of tasks).
+    The function is update(current step, finished tasks, number of tasks). If there is neither a
+    notebook nor a terminal, it prints a line every minute instead.
+
+    quiet  whether to show nothing
     """
-    with _notebook_bar() if _is_in_notebook() else terminal_bar("reading the photos") as show:
-        yield lambda *state: None if show is None else show(*counted(*state))
+    bar = _notebook_bar() if _is_in_notebook() else terminal_bar("reading the photos")
+    last_line_at = time.monotonic()
+    with nullcontext() if quiet else bar as show:
 
+        def update(now: str, done: int, total: int) -> None:
+            nonlocal last_line_at
+            text = f"{done:,} of {total:,}{f': {now}' if now else ''}"
+            if show is not None:
+                show(text, done / max(total, 1))
+            elif not quiet and time.monotonic() - last_line_at >= 60:
+                # A run of one night writes only hundreds of lines.
+                last_line_at = time.monotonic()
+                print(f"gauss2svg: {on_one_line(text)}", file=sys.stderr)
 
-def counted(now: str, done: int, total: int) -> tuple[str, float]:
-    """Return a text about tasks, such as "22 of 41: a.jpg", and the share that is done."""
-    return f"{done:,} of {total:,}{f': {now}' if now else ''}", done / max(total, 1)
+        yield update
 
 
 def _is_in_notebook() -> bool:
