@@ -142,9 +142,8 @@ def run() -> None:
 def _versions() -> str:
     """Return the lines that --version prints, which users copy into bug reports.
 
-    The lines describe the machine. They list the versions of gauss2svg, of the renderers and of
-    some packages. If a renderer cannot be loaded, the lines say why, because that may be the cause
-    of the bug.
+    They describe the machine, and list the versions of gauss2svg, of the renderers and of some
+    packages. If a renderer cannot be loaded, they say why, because that may cause the bug.
     """
     import platform
     import textwrap
@@ -153,26 +152,22 @@ def _versions() -> str:
     from gauss2svg.compare.records import machine
     from gauss2svg.raster import renderer_version
 
-    def version_or_reason(renderer: str) -> str:
+    renderers = []
+    for renderer in get_args(Renderer):
         try:
-            return renderer_version(renderer)
+            renderers.append(renderer_version(renderer))
         except Exception as error:  # a package that is missing or broken may raise any exception
             # The advice in the error message is left out.
-            return f"{renderer}: {re.split(r'; got |[.] Try ', str(error))[0]}"
-
-    installed = {dist.name.lower().replace("_", "-"): dist.version for dist in distributions()}
-    names = (
-        "numpy", "scipy", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
-        "ssimulacra2", "flip-evaluator",
-    )  # fmt: skip
-    packages = (f"{name} {installed[name]}" for name in names if name in installed)
+            renderers.append(f"{renderer}: {str(error).split('; got ')[0]}")
+    names = "numpy scipy scikit-image pillow pyvips pi-heif svgwrite torch ssimulacra2"
+    packages = {d.name.lower().replace("_", "-"): d.version for d in distributions()}
     about = machine()
     lines = [
         f"gauss2svg {__version__}",
         f"system: {platform.platform()}, Python {platform.python_version()}",
         f"CPU: {about['cpu']}, {about['cores']} cores",
-        f"renderers: {', '.join(map(version_or_reason, get_args(Renderer)))}",
-        f"packages: {', '.join(packages)}",
+        f"renderers: {', '.join(renderers)}",
+        f"packages: {', '.join(f'{n} {packages[n]}' for n in names.split() if n in packages)}",
     ]
     return "\n".join(textwrap.fill(line, 79, subsequent_indent="  ") for line in lines)
 
@@ -189,8 +184,8 @@ def _with_dashes(line: str, words: Sequence[str]) -> str:
     names = typed | set(OPTIONS)
     if line.partition(" ")[0] not in names:
         return line
-    option = re.compile(rf"(^|\b(?:with|got|if) )({'|'.join(map(re.escape, names))})(?=[ ,;.])")
-    return option.sub(lambda match: match[1] + flag_of(match[2]), line)
+    option = rf"(^|\b(?:with|got|if) )({'|'.join(map(re.escape, names))})(?=[ ,;.])"
+    return re.sub(option, lambda match: match[1] + flag_of(match[2]), line)
 
 
 def _refuse(message: str) -> int:
