@@ -193,8 +193,8 @@ def test_too_low_a_psnr_over_black_is_status_one_too(tmp_path, capsys, drawn_her
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("- -", "photo and svg must be one file each; got -, -"),
-        ("PHOTO PHOTO", "every file after the photo must be an svg; got"),
+        ("- -", "files must be one photo and then svgs; got -, -"),
+        ("PHOTO PHOTO", "files must be one photo and then svgs; got"),
         ("PHOTO SVG --heatmap x.png --preview x.png", "is also another output"),
         ("PHOTO SVG --heatmap x.png --reference x.png", "is also the reference"),
         ("PHOTO SVG --min-psnr nan", "--min-psnr must be a number above 0"),
