@@ -180,15 +180,12 @@ def flag_of(name: str) -> str:
 
 
 def field_of(name: str, hint: Any, default: Any = None) -> Field:
-    """Return the Field that an annotation describes. Raise TypeError for an unknown annotation."""
+    """Return the Field that an annotation describes."""
     members, metadata = _types_and_metadata(hint)
     check = next((item for item in metadata if callable(item)), None)
     kinds = [kind for kind in (bool, int, float) if kind in members and check is None]
     kind = kinds[0] if kinds else None
     limits: Any = next((item for item in metadata if isinstance(item, Interval)), Interval())
-    supported = [item for item in metadata if isinstance(item, (Interval, str)) or callable(item)]
-    if supported != metadata:
-        raise TypeError(f"{name} must have an Interval, a text or a function")
     most = 2**31 - 1 if kind is int else math.inf
     return Field(
         name=name,

@@ -9,8 +9,7 @@ import os
 import re
 import shutil
 import zipfile
-from collections.abc import AsyncIterator, Sequence
-from contextlib import suppress
+from collections.abc import AsyncIterator
 from mimetypes import guess_type
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
@@ -25,7 +24,7 @@ from starlette.exceptions import HTTPException
 
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.compare.chart import COSTS, NARROW, scatter, template_environment
-from gauss2svg.errors import InputError, brief, refusal
+from gauss2svg.errors import brief, refusal
 from gauss2svg.files import as_png, reading
 from gauss2svg.measure import SCORES
 from gauss2svg.measure.heatmap import MOST, legend
@@ -48,20 +47,6 @@ _FILES = (
     MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz", "outline.svg",
     "plates.zip", "placeholder.html",
 )  # fmt: skip
-
-
-class Sample(BaseModel):
-    """A picture of the server that users can pick if they do not want to upload one.
-
-    Its width and height are in px.
-    """
-
-    name: str
-    path: Path = Field(exclude=True)
-    width: int
-    height: int
-    url: str
-    """Address of its file, relative to the page."""
 
 
 class JobState(BaseModel):
@@ -107,7 +92,7 @@ async def _finished(job: KnownJob) -> Job:
 FinishedJob = Annotated[Job, Depends(_finished)]
 
 
-def _sample_named(name: str, studio: Studio) -> Sample:
+def _sample_named(name: str, studio: Studio) -> Path:
     if name not in studio.samples:
         raise HTTPException(404, f"no sample {name[:100]}")
     return studio.samples[name]
@@ -137,16 +122,19 @@ async def options() -> dict[str, Any]:
     return form()
 
 
-@router.get("/api/samples", response_model=list[Sample])
-async def samples(studio: Studio) -> list[Sample]:
-    """Return the pictures that can be picked instead of an upload."""
-    return list(studio.samples.values())
+@router.get("/api/samples")
+async def samples(studio: Studio) -> list[dict[str, str]]:
+    """Return the pictures that can be picked instead of an upload, with addresses of their files.
+
+    The addresses are relative to the page.
+    """
+    return [{"name": n, "url": f"api/samples/{quote(n, safe='')}"} for n in studio.samples]
 
 
 @router.get("/api/samples/{name}", response_class=FileResponse)
-async def sample(sample: Annotated[Sample, Depends(_sample_named)]) -> FileResponse:
+async def sample(path: Annotated[Path, Depends(_sample_named)]) -> FileResponse:
     """Return the file of a sample picture."""
-    return FileResponse(sample.path)
+    return FileResponse(path)
 
 
 class PointAsked(BaseModel):
@@ -201,8 +189,7 @@ async def _submitted(
             earlier = _job_named(of, studio)
             name, source = earlier.name, (earlier.folder / "photo").open("rb")
         elif sample:
-            picked = _sample_named(sample, studio)
-            name, source = picked.name, picked.path.open("rb")
+            name, source = sample, _sample_named(sample, studio).open("rb")
         else:
             needed = "a file as photo, a sample, or the job that it is of"
             raise refusal("the photo", f"given: {needed}", "none")
@@ -444,8 +431,8 @@ def size_of(path: Path, name: str) -> tuple[int, int]:
         return opened(file.read(), name, DEFAULT_MAX_PIXELS).upright_size
 
 
-def samples_in(folder: Path | None) -> Sequence[Sample]:
-    """Return the photos of a folder, or pictures of scikit-image if the folder is None.
+def samples_in(folder: Path | None) -> dict[str, Path]:
+    """Return the photos of a folder by their names, or pictures of scikit-image if it is None.
 
     Raise InputError if the folder has no photos.
     """
@@ -455,16 +442,9 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
         names = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
         paths = [Path(data.__file__).with_name(name) for name in names]
     else:
-        paths = [p for p in sorted(folder.glob("*")) if is_picture(p.name)]
-    samples = []
-    for path in paths[:100]:
-        with suppress(InputError):  # a file that cannot be read is not offered on the page
-            width, height = size_of(path, path.name)
-            # A page must be valid Unicode, so bytes of the name that are not valid are escaped.
-            name = os.fsencode(path.name).decode(errors="backslashreplace")
-            url = f"api/samples/{quote(name, safe='')}"
-            samples.append(Sample(name=name, path=path, width=width, height=height, url=url))
-    if folder is not None and not samples:
+        paths = [path for path in sorted(folder.glob("*")) if is_picture(path.name)][:100]
+    if not paths:
         advice = "another folder, or none for pictures of scikit-image"
         raise refusal("FOLDER", "a folder with photos", brief(str(folder)), advice)
-    return samples
+    # A page must be valid Unicode, so bytes of a name that are not valid are escaped.
+    return {os.fsencode(p.name).decode(errors="backslashreplace"): p for p in paths}

@@ -78,7 +78,7 @@ def create_app(
         redoc_url=None,
     )
     app.state.jobs = queue
-    app.state.samples = {sample.name: sample for sample in samples_in(folder)}
+    app.state.samples = samples_in(folder)
     app.state.is_local = is_local
     app.include_router(router)
     mimetypes.add_type("text/javascript", ".js")  # the registry of Windows may lack this type

@@ -8,7 +8,7 @@
 /** @typedef {{ key: string, name: string, title: string, unit: string, digits: number, best: number | null }} Score */
 /** @typedef {{ groups: Group[], scores: Score[], limits: Limits, uses: Record<string, Options> }} Form uses are the first choices, with the options that each sets */
 /** @typedef {{ png_pixels: number }} Limits */
-/** @typedef {{ name: string, url: string, width: number, height: number }} Sample */
+/** @typedef {{ name: string, url: string }} Sample */
 /** @typedef {Record<string, number | null> & { width: number, height: number, gaussians: number, svg_bytes: number,
  *   svgz_bytes: number, total_s: number, psnr_svg: number | null } & { unreached: string[], notes: string[], inks: string | null, ink_shares: number[] | null }} Report */
 /** @typedef {{ phase?: string, round?: number, iteration?: number, done?: number, frame?: number, gaussians?: number,
