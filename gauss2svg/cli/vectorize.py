@@ -22,7 +22,6 @@ from gauss2svg.svg import MOST_TRAP, Plotter
 
 if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
-    from gauss2svg.scene import Scene
 
 _PROGRAM_START_S = time.perf_counter()  # --time-limit counts the time from here
 
@@ -228,8 +227,7 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
 
     if extras.prints_report and output == STANDARD_STREAM:
         raise refusal("--report", "a file if -o is standard output", "-", "--report report.json")
-    for name, rule, advice in _exclusions(options, extras):
-        raise InputError(f"{name} must {rule}. Try {advice}")
+    _check_together(options, extras)
     if extras.cut:
         from gauss2svg.svg.plates import require_shapely  # few runs need it
 
@@ -248,27 +246,22 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
     return options.changed(gzip=True) if is_svgz(output) else options
 
 
-def _exclusions(options: Options, extras: Files) -> Iterator[tuple[str, str, str]]:
-    """Yield (name, rule, advice) for each option of an output file that breaks a rule.
-
-    The error message is then "NAME must RULE. Try ADVICE". So the rule goes on after "must". It
-    ends with a reason, or with what was given.
-    """
-    if extras.outline is not None and options.written_blend == ADD:
-        why = "because its shapes are not drawn one over the other"
-        yield "--outline", f"not be given with --blend {ADD}, {why}", "--portable"
-    if extras.separations is not None and options.fit.inks is None:
-        yield "--separations", "be given with --inks; got none", "--inks 3"
-    if extras.cut and (options.fit.inks is None or extras.separations is extras.outline is None):
-        rule = "be given with --inks, and with --separations or --outline"
-        yield "--cut", rule, '--inks "#c0322c,#17324d" --separations cut.svg --cut'
-    for name, other in (("trap", "cut"), ("marks", "separations")):
-        if getattr(extras, name) and not getattr(extras, other):
-            example = {"cut": "--cut", "separations": "--separations plate.svg"}[other]
-            yield f"--{name}", f"be given with --{other}", f"{example} too"
-    for name, value in vars(Plotter()).items() if extras.plot is None else ():
-        if (got := getattr(extras, name)) != value:
-            yield flag_of(name), f"be given with --plot; got {got} alone", "--plot plot.svg"
+def _check_together(options: Options, extras: Files) -> None:
+    """Raise InputError if an option of an output file needs or excludes another option."""
+    inks, plates = options.fit.inks, extras.separations
+    rules = [
+        (extras.outline and options.written_blend == ADD, "--outline", f"without --blend {ADD}"),
+        (plates and inks is None, "--separations", "with --inks 3"),
+        (extras.cut and inks is None, "--cut", "with --inks 3"),
+        (extras.cut and not (plates or extras.outline), "--cut", "with --separations cut.svg"),
+        (extras.trap and not extras.cut, "--trap", "with --cut"),
+        (extras.marks and not plates, "--marks", "with --separations plate.svg"),
+    ]
+    changed = Plotter.of(vars(extras)) != Plotter() and extras.plot is None
+    rules.append((changed, "options of plotters", "with --plot plot.svg"))
+    for is_broken, name, other in rules:
+        if is_broken:
+            raise InputError(f"{name} must be given {other}")
 
 
 def _result(
@@ -277,25 +270,22 @@ def _result(
     from gauss2svg.pipeline.run import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
-    source = files.read_input() if photo == STANDARD_STREAM else photo
+    source, start = files.read_input() if photo == STANDARD_STREAM else photo, None
     if output == STANDARD_STREAM or extras.prints_report:
         # If standard output is closed, this raises an error now and not only after the fit.
         files.standard_stream(sys.stdout, "output")
+    if extras.start is not None:
+        from gauss2svg.scene import Scene
+        from gauss2svg.svg.read import read_svg
+
+        is_scene = extras.start.suffix.lower() == ".npz"
+        start = Scene.load(extras.start) if is_scene else read_svg(extras.start)
     started = _PROGRAM_START_S if options.goal.time_limit is not None else None
     with watched(not extras.quiet) as progress:
         return vectorize_by(
-            options, source, focus=extras.focus, start=_start(extras.start), progress=progress,
+            options, source, focus=extras.focus, start=start, progress=progress,
             stop=interruption.should_stop, started=started,
         )  # fmt: skip
-
-
-def _start(path: Path | None) -> "Scene | None":
-    if path is None:
-        return None
-    from gauss2svg.scene import Scene
-    from gauss2svg.svg.read import read_svg
-
-    return Scene.load(path) if path.suffix.lower() == ".npz" else read_svg(path)
 
 
 def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:

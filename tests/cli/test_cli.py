@@ -149,7 +149,7 @@ MISTAKES = [
     ("PHOTO -o PHOTO", "which is also the photo"),
     ("PHOTO out.svg", "-o out.svg"),
     ("PHOTO -o OUT --trap 0.2", "--trap must be given with --cut"),
-    ("PHOTO -o OUT --hatch 2", "--hatch must be given with --plot"),
+    ("PHOTO -o OUT --hatch 2", "options of plotters must be given with --plot"),
     ("PHOTO -o OUT --quality hgih", "got 'hgih'. Try high"),
     ("PHOTO -o OUT --matte redd", "#fa0 or #ffaa00; got 'redd'. Try red"),
     ("PHOTO -o OUT --inks red,bleu", "got 'red,bleu'. Try blue"),
