@@ -135,8 +135,6 @@ def serve(
         port = listening.getsockname()[1]
         shown = {"0.0.0.0": "127.0.0.1", "::": "[::1]", "::1": "[::1]"}.get(host, host)
         address = f"http://{shown}:{port}/?token="
-        names = _LOCAL_NAMES | (set() if local else {host.lower(), socket.gethostname().lower()})
-        guard = Guard(app, token, port, names, local)
         if not local:
             say(
                 f"warning: anyone who reaches {host} and knows the token may use this machine, "
@@ -152,7 +150,9 @@ def serve(
         # the handler here. Otherwise the second signal would end the program with an error.
         for number in HANDLED_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-        config = uvicorn.Config(guard, log_level="critical", timeout_graceful_shutdown=1)
+        config = uvicorn.Config(
+            Guard(app, token, port, local), log_level="critical", timeout_graceful_shutdown=1
+        )
         uvicorn.Server(config).run(sockets=[listening])
 
 
@@ -221,13 +221,12 @@ class Guard:
 
     A request names its server in the header "host".
 
-    names  host names by which clients may address the server, in lower case and without ports
-    local  True if only this machine can reach the server. If it is False, clients may also address
-           the server by any IP address.
+    local  whether only this machine can reach the server. If so, clients must address the server by
+           a name of this machine.
     """
 
-    def __init__(self, app: ASGIApp, token: str, port: int, names: set[str], local: bool) -> None:
-        self._app, self._token, self._names, self._local = app, token, names, local
+    def __init__(self, app: ASGIApp, token: str, port: int, local: bool) -> None:
+        self._app, self._token, self._local = app, token, local
         # A browser sends a cookie to all ports of a host. So the port is part of the cookie's name,
         # and two studios on one host do not overwrite each other's cookies.
         self._cookie = f"gauss2svg-{port}"
@@ -240,13 +239,10 @@ class Guard:
     def _answer(self, request: HTTPConnection) -> ASGIApp:
         """Return the application that answers a request: the studio, a redirection or a refusal."""
         host = request.headers.get("host", "")
-        name = re.sub(r":\d+$", "", host.lower())
         # By DNS rebinding, a hostile site can let its own name lead to this server, and then send
         # requests from the user's browser. The header "host" of such a request has the name of the
-        # site. So a request is refused if the header has another name than those of this server. An
-        # IP address in the header is no sign of this attack, because it is not a site's name.
-        is_ip_address = re.fullmatch(r"[\d.]+|\[[\da-f:]+\]", name)
-        if name not in self._names and (self._local or not is_ip_address):
+        # site.
+        if self._local and re.sub(r":\d+$", "", host.lower()) not in _LOCAL_NAMES:
             return _refused(421, f"the address must be the printed one; got {quoted(host)}")
         is_page = (request.scope["method"], request.scope["path"]) == ("GET", "/")
         if is_page and self._has_token(request.query_params.get("token", "")):
