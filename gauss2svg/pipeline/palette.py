@@ -329,13 +329,10 @@ def keep_hues(
         blamed = np.flatnonzero(is_blamed & (shown > 0.1))  # px that show the shape
         if not len(blamed):
             break
-        # A blamed shape gets another entry if one is near and has its hue, and else a new one.
-        distance, near = nearest_entry(_with_hues(entries), _with_hues(features[blamed]))
-        turns = chroma(entries[near, :3]) - change.hues[blamed]
-        is_near = (distance < 0.1) & (portable.hypot(*turns.T) <= LARGEST_CHANGE)
-        entry[blamed[is_near]] = near[is_near]
-        rest = blamed[~is_near]
-        groups = _groups(_with_hues(features[rest]), shown[rest])[: count - len(entries)]
+        near = _near(features[blamed], change.hues[blamed], entries)
+        entry[blamed[near >= 0]] = near[near >= 0]
+        rest = blamed[near < 0]
+        groups = _groups(features[rest], change.hues[rest], shown[rest])[: count - len(entries)]
         for group in groups:
             members = rest[group]
             mean = np.average(features[members], axis=0, weights=shown[members])
@@ -345,23 +342,32 @@ def keep_hues(
     return entries[used], entry.reshape(-1)
 
 
-def _with_hues(features: Rows) -> Rows:
-    """Return features with two more columns: the hues of their colours, as large as colours."""
-    return np.column_stack([features, chroma(features[:, :3]) / _SCALE]).astype(np.float64)
+def _near(features: Rows, hues: NDArray[np.floating], entries: Rows) -> NDArray[np.intp]:
+    """Return the nearest entry of each shape that has its hue, or -1 if it is 0.1 or more away."""
+    near, own = np.empty(len(features), np.intp), chroma(entries[:, :3])
+    band = max(1, 2**18 // len(entries))  # shapes that are compared at a time, to save memory
+    for first in range(0, len(features), band):
+        part = slice(first, first + band)
+        apart = np.sqrt(np.square(features[part, None] - entries).sum(axis=2))
+        turns = np.square(hues[part, None] - own).sum(axis=2)
+        apart[turns > LARGEST_CHANGE**2] = np.inf
+        near[part] = np.where(apart.min(axis=1) < 0.1, apart.argmin(axis=1), -1)
+    return near
 
 
-def _groups(features: Rows, weight: Rows) -> list[NDArray[np.intp]]:
+def _groups(features: Rows, hues: NDArray[np.floating], weight: Rows) -> list[NDArray[np.intp]]:
     """Split shapes into groups, the hues of each within LARGEST_CHANGE of their mean.
 
     Return the indices of the shapes of each group.
-
-    features  (m, 6) features with hues
     """
-    wide, groups = [np.arange(len(features))] * (len(features) > 0), []
+    wide, groups = [np.arange(len(features))], []
+    both = np.column_stack([features, hues / _SCALE]).astype(np.float64)
     while wide:
         group = wide.pop()
-        apart = _SCALE * (features[group, 4:] - features[group, 4:].mean(axis=0))
-        clusters = Clusters(features[group], weight[group])
+        if not len(group):
+            continue
+        apart = hues[group] - hues[group].mean(axis=0)
+        clusters = Clusters(both[group], weight[group])
         if portable.hypot(*apart.T).max() > LARGEST_CHANGE:
             clusters.split(2, 0.0)
         parts = [group[members] for members in clusters.members]
