@@ -109,7 +109,8 @@ class Field:
             return None if self.words else value
         if self.kind is bool or isinstance(value, bool):
             return value if self.kind is bool and isinstance(value, bool) else None
-        if not isinstance(value, numbers.Integral if self.kind is int else numbers.Real):
+        numbers_of_kind: Any = numbers.Integral if self.kind is int else numbers.Real
+        if not isinstance(value, numbers_of_kind):
             return None
         number = self.kind(value)
         is_large = self.least < number if self.is_above else self.least <= number

@@ -52,18 +52,6 @@ def test_results_of_other_calls_show_a_line_and_a_picture(photo, tmp_path, drawn
         assert text in pages[2]
 
 
-def test_a_terminal_counts_the_photos_of_a_batch(photo, tmp_path, monkeypatch, pool_here, hasty):
-    Image.fromarray(np.uint8(255 * photo[:32, :32])).save(tmp_path / "photo.png")
-    monkeypatch.setattr("sys.stderr", written := io.StringIO())
-    written.isatty = lambda: True
-    monkeypatch.setattr("gauss2svg.pipeline.progress_display.columns", lambda: 80)
-    call = gauss2svg.vectorize_many([tmp_path / "photo.png"], tmp_path / "out", progress=True)
-    for record in call:
-        assert record.error is None
-        time.sleep(0.3)
-    assert "1 of 1: " in written.getvalue()
-
-
 def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(photo, capfd, hasty):
     run = gauss2svg.vectorize
     assert len({run(photo[:32, :32], progress=shows).svg for shows in (None, True)}) == 1

