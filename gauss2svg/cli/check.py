@@ -131,9 +131,10 @@ def run(given: dict[str, Any]) -> int:
         files.write_output(files.as_json(reported))
     if is_one and not output.quiet:
         print_check(records[0], pairs[0][1])
+    elif is_printed and not output.quiet:  # standard output is the report
+        print(check_table(records), end="", file=sys.stderr)
     elif not output.quiet:
-        # Standard output is only for the table or for the report.
-        print(check_table(records), end="", file=sys.stderr if is_printed else sys.stdout)
+        files.write_output(check_table(records).encode())
     for line in lines:
         say(line)
     return status

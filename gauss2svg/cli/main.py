@@ -146,7 +146,6 @@ def _versions() -> str:
     packages. If a renderer cannot be loaded, they say why, because that may cause the bug.
     """
     import platform
-    import textwrap
     from importlib.metadata import distributions
 
     from gauss2svg.compare.records import machine
@@ -169,7 +168,7 @@ def _versions() -> str:
         f"renderers: {', '.join(renderers)}",
         f"packages: {', '.join(f'{n} {packages[n]}' for n in names.split() if n in packages)}",
     ]
-    return "\n".join(textwrap.fill(line, 79, subsequent_indent="  ") for line in lines)
+    return "\n".join(lines)
 
 
 def _with_dashes(line: str, words: Sequence[str]) -> str:
