@@ -2,12 +2,12 @@
 
 import os
 
-from gauss2svg.cli.terminal import exit_before_fits
+from gauss2svg.cli.terminal import SIGNALS, exit_for, set_handlers
 
 
 def run() -> None:
     """Run the command line as a program."""
-    exit_before_fits()
+    set_handlers(dict.fromkeys(SIGNALS, exit_for))
     # OpenBLAS starts its threads when NumPy is imported, but no file is made by it.
     if "OMP_NUM_THREADS" not in os.environ:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

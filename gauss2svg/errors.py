@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from typing import Any, TypeVar
 
 _Kind = TypeVar("_Kind")
-_MAX_LENGTH = 200  # a longer value is cut to this number of characters in an error message
 
 
 class Gauss2SvgError(Exception):
@@ -89,16 +88,13 @@ def error_line(error: Exception, advice: str) -> str:
 
 def quoted(value: Any) -> str:
     """Return the repr of a value for an error message, on one line and shortened."""
-    try:
-        return brief(" ".join(repr(plain_scalar(value)).split()))
-    except Exception:  # a method of the value failed, so the message has only the type's name
-        return type(value).__name__
+    return brief(" ".join(repr(plain_scalar(value)).split()))
 
 
 def brief(text: Any) -> str:
     """Return text for an error message, shortened to 200 characters."""
     text = str(text)
-    return text if len(text) <= _MAX_LENGTH else text[:_MAX_LENGTH] + "..."
+    return text if len(text) <= 200 else text[:200] + "..."
 
 
 def plain_scalar(value: Any) -> Any:

@@ -148,12 +148,11 @@ def completed(
     jobs: dict[Future[Any], Any] = {}
     try:
         while True:
-            processes.pending()
             for request in islice(requests, width - len(jobs)):
                 jobs[submit(request)] = request
             if not jobs:
                 return
-            # The wait ends after a second, so that `pending` is called.
+            # Windows handles Ctrl-C only between two waits.
             for job in wait(jobs, 1.0, FIRST_COMPLETED).done:
                 yield jobs.pop(job), job
     finally:

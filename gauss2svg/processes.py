@@ -11,7 +11,7 @@ import re
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -21,17 +21,6 @@ from typing import NamedTuple
 # another group, so `end_tree` has to end it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
 MEMORY_SHARE = 0.8  # share of the free memory that this program may take by default
-
-
-def nothing() -> None:
-    """Do nothing. This is the value of `pending` as long as no signal has come."""
-
-
-# Long work calls this function between its tasks and at its end. It does nothing as long as no
-# signal has come. When a signal comes, the signal handler raises an exception, but Python drops the
-# exception if a callback of the garbage collector or of C code is running. So the handler also
-# replaces this function by one that raises the exception again.
-pending: Callable[[], None] = nothing
 
 
 def keep_freed_memory() -> None:

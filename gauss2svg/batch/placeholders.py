@@ -62,7 +62,6 @@ class PlaceholderList:
     """Placeholders of photos, and the entries that an earlier run has written.
 
     photos     the photos, each once
-    copies     number of paths that are left out, because an earlier path names the same photo
     new        {photo: placeholder} of the placeholders made in this run
     unchanged  number of photos whose entry is kept, because it was made from the same bytes with
                the same options by the same version of gauss2svg
@@ -82,7 +81,6 @@ class PlaceholderList:
         self._is_json = options.format in ("json", "object")
         self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
         self.photos = listed_photos(paths)
-        self.copies = len(paths) - len(self.photos)
         self.new: dict[ListedPhoto, Placeholder] = {}
         self.failures: list[str] = []
         self.unchanged = 0
@@ -128,11 +126,6 @@ class PlaceholderList:
     def count(self) -> int:
         """Number of photos whose placeholder is new or unchanged."""
         return len(self.new) + self.unchanged
-
-    @property
-    def kept(self) -> int:
-        """Number of photos that failed, but still have the entry of an earlier run."""
-        return sum(entry is not None for entry in self._entries.values()) - self.count
 
     def files(self) -> dict[str, bytes]:
         """Return {file name: content} for the files to write.

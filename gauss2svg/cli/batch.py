@@ -11,11 +11,11 @@ from typing import Annotated, Any, Literal
 
 from gauss2svg import files
 from gauss2svg.batch import BatchOptions
-from gauss2svg.cli import terminal
 from gauss2svg.cli.parser import STATUS_SOME_FAILED, options_of_file, run_options
 from gauss2svg.cli.terminal import say
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS
+from gauss2svg.pipeline.progress_display import counting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ def run(given: dict[str, Any]) -> int:
     job = Batch(command.photos, command.output, options, BatchOptions.of(given))
     summary, count = Summary(), job.count
     try:
-        with terminal.counting_bar(command.quiet) as update, closing(job.run()) as records:
+        with counting(command.quiet) as update, closing(job.run()) as records:
             update("", 0, count)
             for record in records:
                 summary.add(record)

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
-from gauss2svg.cli.terminal import counting_bar, say
+from gauss2svg.cli.terminal import say
 from gauss2svg.compare import BenchOptions
 from gauss2svg.files import check_folder
 from gauss2svg.options import OptionGroup, file_path
+from gauss2svg.pipeline.progress_display import counting
 
 if TYPE_CHECKING:
     from gauss2svg.compare.grid import Progress
@@ -67,7 +68,7 @@ def run(given: dict[str, Any]) -> int:
     for line in packages_missing():
         say(line)
     kept = 0
-    with counting_bar(command.quiet) as update:
+    with counting(command.quiet) as update:
 
         def progress(state: Progress) -> None:
             nonlocal kept

@@ -6,19 +6,17 @@ import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from gauss2svg import files
-from gauss2svg.cli.terminal import counting_bar, say
+from gauss2svg.cli.terminal import say
 from gauss2svg.errors import Gauss2SvgError, brief, of_file, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.measure import CheckOptions
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
 from gauss2svg.photo import SUFFIXES
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.processes import command_line
-
-if TYPE_CHECKING:
-    from gauss2svg.measure.check import CheckResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,25 +66,25 @@ SECTIONS = {"Parameters": CheckFiles, "Measuring": CheckOptions, "Output": Check
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
     from gauss2svg.cli.summary import check_table, print_check
+    from gauss2svg.measure.check import check
 
     asked, output, options = CheckFiles.of(given), CheckOutput.of(given), CheckOptions.of(given)
-    pairs, root, alone = _pairs(asked)
-    is_one = root is None
-    targets = [_pictures(output, svg, root) for _, svg in pairs]
+    pairs, alone = _pairs(asked)
+    is_one = len(asked.svg) == len(pairs) == 1 and not os.path.isdir(asked.photo)
     inputs = {photo: "the photo" for photo, _ in pairs} | {svg: "the SVG" for _, svg in pairs}
     if asked.reference is not None:
         inputs[asked.reference] = "the reference"
         if len({photo for photo, _ in pairs}) > 1:
             got = f"{len(pairs)} photos"
             raise refusal("--reference", "given with one photo", got, "one photo")
-    is_printed = output.report is not None and str(output.report) == STANDARD_STREAM
-    report = list[Path]()
-    if output.report is not None and not is_printed:
-        report.append(Path(in_folder(output.report, "check.json")))
+    targets = [_pictures(output, svg, is_one) for _, svg in pairs]
+    is_printed = str(output.report) == STANDARD_STREAM
+    report = [] if output.report is None or is_printed else [output.report]
+    report = [Path(in_folder(path, "check.json")) for path in report]
     pictures = [item for each in targets for item in each.items()]
     for name, path in [*(("report", path) for path in report), *pictures]:
         check_ending(flag_of(name), path, (".json" if name == "report" else ".png",))
-    for path in {path.parent for _, path in pictures} if root is not None else ():
+    for path in () if is_one else {path.parent for _, path in pictures}:
         files.make_folder(path)
     files.check_outputs(inputs, [*report, *(path for _, path in pictures)])
     records: list[dict[str, Any]] = []
@@ -96,11 +94,18 @@ def run(given: dict[str, Any]) -> int:
         more = f" and {len(alone) - 10} more" if len(alone) > 10 else ""
         lines.append(f"without a partner of the same name: {', '.join(alone[:10])}{more}")
         status = 1
-    with counting_bar(output.quiet or is_one) as update:
+    with counting(output.quiet or is_one) as update:
         for (photo, svg), paths in zip(pairs, targets, strict=True):
             update(svg, len(records), len(pairs))
             try:
-                result = _result(photo, svg, asked.reference, options)
+                result = check(
+                    files.read_input() if photo == STANDARD_STREAM else photo,
+                    files.standard_stream(sys.stdin, "input")
+                    if svg == STANDARD_STREAM
+                    else Path(svg),
+                    reference=asked.reference,
+                    **dataclasses.asdict(options),
+                )
             except Gauss2SvgError as error:
                 if is_one:
                     raise
@@ -112,12 +117,11 @@ def run(given: dict[str, Any]) -> int:
             lines += [] if is_one else [f"{svg}: {note}" for note in result.notes]
             makers = {"heatmap": result.heatmap, "preview": partial(files.as_png, result.raster)}
             contents |= {path: makers[name]() for name, path in paths.items()}
-            lowest = (
-                result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)
-            )
+            lowest = min(p for p in (result.psnr, result.psnr_black) if p is not None)
             if output.min_psnr is not None and lowest < output.min_psnr:
-                of = "" if is_one else f" of {svg}"
-                lines.append(f"PSNR{of} is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")
+                lines.append(
+                    f"{svg}: PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}"
+                )
                 status = max(status, 1)
     of_files = ("photo", "svg")  # keys that only the reports of several SVGs have
     reported = {k: v for k, v in records[0].items() if k not in of_files} if is_one else records
@@ -126,9 +130,8 @@ def run(given: dict[str, Any]) -> int:
     if is_printed:
         files.write_output(files.as_json(reported))
     if is_one and not output.quiet:
-        svg = pairs[0][1]
-        print_check(records[0], "standard input" if svg == STANDARD_STREAM else svg)
-    elif is_printed and not output.quiet:
+        print_check(records[0], pairs[0][1])
+    elif is_printed and not output.quiet:  # standard output is the report
         print(check_table(records), end="", file=sys.stderr)
     elif not output.quiet:
         files.write_output(check_table(records).encode())
@@ -137,86 +140,47 @@ def run(given: dict[str, Any]) -> int:
     return status
 
 
-class _Pairs(NamedTuple):
-    """The comparisons of a check.
+def _pairs(asked: CheckFiles) -> tuple[list[tuple[str, str]], list[str]]:
+    """Return the photo and the SVG of each comparison, and files of folders without a partner.
 
-    pairs  (photo, SVG) for each comparison
-    root   folder in which all SVGs of a table are, or None if one SVG was given for one photo
-    alone  photos and SVGs in folders that have no partner
+    Raise InputError if there is no comparison.
     """
-
-    pairs: list[tuple[str, str]]
-    root: str | None
-    alone: list[str]
-
-
-def _pairs(asked: CheckFiles) -> _Pairs:
-    """Return the comparisons. Raise InputError if there is none."""
     photos, svgs = expanded([asked.photo]), expanded(asked.svg)
     photo = photos[0]
-    if os.path.isdir(photo) and len(photos) == 1:
+    if os.path.isdir(photo):
         from gauss2svg.batch.inputs import photos_of
 
         folder = svgs[0] if svgs else photo
-        if not os.path.isdir(folder):
-            got = f"{folder}, which {'is a file' if os.path.exists(folder) else 'does not exist'}"
-            raise refusal("what follows a folder of photos", "the folder of their SVGs", got)
         names = [(path, os.path.join(folder, name)) for path, name in photos_of([photo])]
         pairs = [(p, n + end) for p, n in names for end in SVG_ENDINGS if os.path.isfile(n + end)]
-        svg_files = [
-            p for p in sorted(Path(folder).rglob("*")) if p.name.lower().endswith(SVG_ENDINGS)
-        ]
+        svg_files = [p for p in sorted(Path(folder).rglob("*")) if str(p).endswith(SVG_ENDINGS)]
         paired = {Path(path) for pair in pairs for path in pair}
         alone = [str(p) for p in (*(Path(p) for p, _ in names), *svg_files) if p not in paired]
         if not pairs or len(svgs) > 1:
             got = brief(", ".join(svgs[1:])) if pairs else f"none in {folder}"
             advice = command_line(["gauss2svg", "batch", photo, "-o", folder])
             raise refusal("SVGs", "in a folder and have the names of the photos", got, advice)
-        return _Pairs(pairs, folder, alone)
+        return pairs, alone
     if not svgs:
         raise refusal("SVG", "given", "none", "gauss2svg check --help")
-    if len(photos) != 1 or [photo, *svgs].count(STANDARD_STREAM) > 1:
+    is_wrong = any(name.lower().endswith(SUFFIXES) for name in svgs)
+    if is_wrong or len(photos) != 1 or [photo, *svgs].count(STANDARD_STREAM) > 1:
         got = brief(", ".join([*photos, *svgs]))
-        raise refusal("photo and SVG", "one file each", got, "a file name for each")
-    if pictures := [name for name in svgs if name.lower().endswith(SUFFIXES)]:
-        if photo.lower().endswith(SVG_ENDINGS):
-            advice = command_line(["gauss2svg", "check", pictures[0], photo])
-            raise refusal("the photo", "before the SVG", photo, advice)
-        raise refusal("every file after the photo", "an SVG", pictures[0])
-    folders = {os.path.dirname(os.path.abspath(svg)) for svg in svgs}
-    root = os.path.commonpath(folders) if len(svgs) > 1 else None
-    return _Pairs([(photo, svg) for svg in svgs], root, [])
+        raise refusal("files", "one photo and then SVGs", got, "gauss2svg check PHOTO SVG")
+    return [(photo, svg) for svg in svgs], []
 
 
-def _pictures(output: CheckOutput, svg: str, root: str | None) -> dict[str, Path]:
-    """Return {option: path} for the pictures that are saved of an SVG.
-
-    root  folder in which all SVGs of a table are. The pictures of an SVG in a subfolder are in a
-          subfolder of the same name.
-    """
-    given = {"heatmap": output.heatmap, "preview": output.preview}
+def _pictures(output: CheckOutput, svg: str, is_one: bool) -> dict[str, Path]:
+    """Return {option: path} for the pictures that are saved of an SVG."""
     stem = "svg" if svg == STANDARD_STREAM else Path(svg).stem
     pictures = {}
-    for name, path in given.items():
-        if path is None:
-            continue
-        file = f"{stem}-{name}.png"
-        if root is None:
+    for name in ("heatmap", "preview"):
+        path, file = getattr(output, name), f"{stem}-{name}.png"
+        if path is not None and is_one:
             pictures[name] = Path(in_folder(path, file))
-            continue
-        if not path.is_dir() and (path.exists() or path.suffix.lower() == ".png"):
-            raise refusal(flag_of(name), "a folder, for several SVGs", str(path), f"{path.stem}/")
-        subfolder = os.path.dirname(os.path.relpath(os.path.abspath(svg), os.path.abspath(root)))
-        pictures[name] = path / subfolder / file
+        elif path is not None:
+            if path.suffix.lower() == ".png":
+                got, advice = str(path), f"{path.stem}/"
+                raise refusal(flag_of(name), "a folder, for several SVGs", got, advice)
+            pictures[name] = path / file
     return pictures
-
-
-def _result(photo: str, svg: str, reference: str | None, options: CheckOptions) -> "CheckResult":
-    from gauss2svg.measure.check import check
-
-    return check(
-        files.read_input() if photo == STANDARD_STREAM else photo,
-        files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else Path(svg),
-        reference=reference,
-        **dataclasses.asdict(options),
-    )

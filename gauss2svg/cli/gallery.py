@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
-from gauss2svg.cli.terminal import counting_bar, say
+from gauss2svg.cli.terminal import say
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import of_file, refusal
 from gauss2svg.files import check_folder
 from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.options import Field, OptionGroup, file_path
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.processes import command_line
 
 
@@ -73,7 +74,7 @@ def run(given: dict[str, Any]) -> int:
         if output.resolve().is_relative_to(Path(source).resolve()):
             got = f"{output}, which is in {source}"
             raise refusal("output", "outside of the inputs", got, "another folder")
-    with counting_bar(command.quiet) as update:
+    with counting(command.quiet) as update:
         gallery = build_gallery(
             paths,
             output,

@@ -15,13 +15,14 @@ from typing import Any, get_args
 
 from gauss2svg.cli.parser import Parser
 from gauss2svg.cli.terminal import (
+    SIGNALS,
+    UNTOUCHED,
     Terminated,
     drop_output,
     handling,
-    hold_closed_descriptors,
-    ignore_signals,
-    print_utf8,
+    prepare_streams,
     say,
+    set_handlers,
     status_of,
 )
 from gauss2svg.errors import Gauss2SvgError, error_line, nearest, refusal
@@ -91,7 +92,6 @@ def main(arguments: list[str] | None = None) -> int:
     130  ended by Ctrl-C, even if the best result so far was written
     143  ended by SIGTERM or Ctrl-Break, even if the best result so far was written
     """
-    hold_closed_descriptors()
     # Warnings and log messages of libraries are not printed, because standard error is for messages
     # of this program. Python prints log messages if there is no handler, so a handler that does
     # nothing is added. The logger of concurrent.futures has a handler of its own that prints, so
@@ -121,59 +121,54 @@ def main(arguments: list[str] | None = None) -> int:
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except KeyboardInterrupt as interrupt:
-        say(str(interrupt) or "interrupted; every file is whole or untouched")
+        say(str(interrupt) or UNTOUCHED)
         return status_of(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
 
 
 def run() -> None:
     """Run the command and exit with its status."""
-    print_utf8()
+    prepare_streams()
     # Python searches for garbage each time that it has made 700 more objects. Imports make more
     # than a hundred thousand objects, nearly all of which are kept. Commands for many photos or
     # requests make more garbage, so they keep the usual search.
     if COMMANDS.keys().isdisjoint(sys.argv[1:2]):
         gc.set_threshold(1_000_000)
     status = main()
-    ignore_signals()
+    # The exit status is already known.
+    set_handlers(dict.fromkeys(SIGNALS, signal.SIG_IGN))
     sys.exit(status)
 
 
 def _versions() -> str:
     """Return the lines that --version prints, which users copy into bug reports.
 
-    The lines describe the machine. They list the versions of gauss2svg, of the renderers and of
-    some packages. If a renderer cannot be loaded, the lines say why, because that may be the cause
-    of the bug.
+    They describe the machine, and list the versions of gauss2svg, of the renderers and of some
+    packages. If a renderer cannot be loaded, they say why, because that may cause the bug.
     """
     import platform
-    import textwrap
     from importlib.metadata import distributions
 
     from gauss2svg.compare.records import machine
     from gauss2svg.raster import renderer_version
 
-    def version_or_reason(renderer: str) -> str:
+    renderers = []
+    for renderer in get_args(Renderer):
         try:
-            return renderer_version(renderer)
+            renderers.append(renderer_version(renderer))
         except Exception as error:  # a package that is missing or broken may raise any exception
             # The advice in the error message is left out.
-            return f"{renderer}: {re.split(r'; got |[.] Try ', str(error))[0]}"
-
-    installed = {dist.name.lower().replace("_", "-"): dist.version for dist in distributions()}
-    names = (
-        "numpy", "scipy", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
-        "ssimulacra2", "flip-evaluator",
-    )  # fmt: skip
-    packages = (f"{name} {installed[name]}" for name in names if name in installed)
+            renderers.append(f"{renderer}: {str(error).split('; got ')[0]}")
+    names = "numpy scipy scikit-image pillow pyvips pi-heif svgwrite torch ssimulacra2"
+    packages = {d.name.lower().replace("_", "-"): d.version for d in distributions()}
     about = machine()
     lines = [
         f"gauss2svg {__version__}",
         f"system: {platform.platform()}, Python {platform.python_version()}",
         f"CPU: {about['cpu']}, {about['cores']} cores",
-        f"renderers: {', '.join(map(version_or_reason, get_args(Renderer)))}",
-        f"packages: {', '.join(packages)}",
+        f"renderers: {', '.join(renderers)}",
+        f"packages: {', '.join(f'{n} {packages[n]}' for n in names.split() if n in packages)}",
     ]
-    return "\n".join(textwrap.fill(line, 79, subsequent_indent="  ") for line in lines)
+    return "\n".join(lines)
 
 
 def _with_dashes(line: str, words: Sequence[str]) -> str:
@@ -188,8 +183,8 @@ def _with_dashes(line: str, words: Sequence[str]) -> str:
     names = typed | set(OPTIONS)
     if line.partition(" ")[0] not in names:
         return line
-    option = re.compile(rf"(^|\b(?:with|got|if) )({'|'.join(map(re.escape, names))})(?=[ ,;.])")
-    return option.sub(lambda match: match[1] + flag_of(match[2]), line)
+    option = rf"(^|\b(?:with|got|if) )({'|'.join(map(re.escape, names))})(?=[ ,;.])"
+    return re.sub(option, lambda match: match[1] + flag_of(match[2]), line)
 
 
 def _refuse(message: str) -> int:

@@ -6,10 +6,10 @@ from typing import Any
 from gauss2svg.batch.inputs import local_photos
 from gauss2svg.batch.placeholders import PlaceholderList, PlaceholderOptions
 from gauss2svg.cli.parser import STATUS_SOME_FAILED
-from gauss2svg.cli.terminal import counting_bar, say
-from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.cli.terminal import say
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically, write_output
 from gauss2svg.options import OptionGroup
+from gauss2svg.pipeline.progress_display import counting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,51 +36,22 @@ def run(given: dict[str, Any]) -> int:
     command = PlaceholderCommand.of(given)
     paths, output = local_photos(command.photos), command.output
     entries = PlaceholderList(paths, output, PlaceholderOptions.of(given))
+    is_whole = False
     try:
-        with counting_bar(command.quiet) as update:
+        with counting(command.quiet) as update:
             for done, photo in enumerate(entries.photos):
                 update(photo.name, done, len(entries.photos))
                 entries.add(photo)
-    except BaseException:
-        # BaseException is caught because of Ctrl-C: it raises a KeyboardInterrupt, or a SystemError
-        # if it interrupts a kernel.
-        _write_so_far(entries, output)
-        raise
-    kept = entries.kept if entries.count else 0
-    if entries.count and output == STANDARD_STREAM:
-        write_output(entries.files()[output])
-    elif entries.count:
-        write_all_atomically(entries.files())
-    if entries.copies:
-        say(f"{entries.copies} of {len(paths)} photos were given more than once")
-    for photo, placeholder in entries.new.items():
-        if not placeholder.gaussians and not placeholder.areas:
-            say(f"{photo.name}: it is one colour, because no Gaussian fits or none is needed")
-    for line in entries.failures:
-        say(line)
-    if not command.quiet:
-        where = f" in {'standard output' if output == STANDARD_STREAM else output}"
-        unchanged = f", {entries.unchanged} of them unchanged" if entries.unchanged else ""
-        say(
-            f"{entries.count} placeholder{'s' * (entries.count != 1)}{where * bool(entries.count)}"
-            f"{unchanged}; {len(entries.failures)} failed"
-            f"{'' if entries.count else ', and nothing was written'}"
-            + (f"; {kept} of them kept from before" if kept else "")
-        )
-    return STATUS_SOME_FAILED if entries.failures else 0
-
-
-def _write_so_far(entries: PlaceholderList, output: str) -> None:
-    """Print the failures, and write the finished placeholders, because the run was interrupted.
-
-    If the output is standard output, no placeholder is written.
-    """
-    for line in entries.failures:
-        say(line)
-    if entries.new and output != STANDARD_STREAM:
-        try:
+        is_whole = True
+    finally:  # after Ctrl-C, what was made so far is written, but not to standard output
+        for line in entries.failures:
+            say(line)
+        if output != STANDARD_STREAM and entries.count:
             write_all_atomically(entries.files())
-            share = f"{len(entries.new)} of {len(entries.photos)} placeholders"
-            say(f"wrote what was made so far: {share}")
-        except Gauss2SvgError as error:
-            say(str(error))
+        elif is_whole and entries.count:
+            write_output(entries.files()[output])
+    if not command.quiet:
+        where = "standard output" if output == STANDARD_STREAM else output
+        failed = f"{len(entries.failures)} failed"
+        say(f"{entries.count} placeholders in {where}, {entries.unchanged} unchanged; {failed}")
+    return STATUS_SOME_FAILED if entries.failures else 0

@@ -10,32 +10,23 @@ from typing import Any
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure import NONE, ON_REQUEST, SCORES, SPACE, TARGETS, decibels
 from gauss2svg.measure.roundtrip import HEAVY_MS
-from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.progress_display import columns
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.svg import MINIMAL, RESPONSIVE
+from gauss2svg.svg import MINIMAL
 
 # Text that the summary prints after the number of shapes, for each stop_reason of a report.
 _STOPPED = {
     "iterations": "set by --gaussians",
     "gaussians": "set by --gaussians",
-    "gain": "more would improve it too little for --quality {quality}",
-    "enough": "enough for --quality {quality}",
-    "cap": "the maximum of --quality {quality}",
+    "gain": "more would improve it too little for their bytes",
+    "enough": "more would hardly be seen at this quality",
+    "cap": "the maximum of this quality",
     "start": "as many as in the scene of --start",
     **{score.option: f"the target {score.name} is reached" for score in TARGETS},
     "max_bytes": "the closest file within the size limit",
     "time_limit": "the time limit is reached",
     "interrupted": "interrupted",
 }
-# Some texts of _STOPPED name the preset. If the run has a limit but no preset, the summary prints
-# the texts below in place of those.
-_NOTHING_TO_GAIN = {
-    "gain": "more would improve it too little for their bytes",
-    "enough": "more would make no visible difference",
-    "cap": "as many as the picture has room for",
-}
-_SEEN_HUE = 10  # local error of hue from which one sees it at once (docs/decisions/metrics.md)
 
 
 def print_summary(report: dict[str, Any], output: str) -> None:
@@ -46,45 +37,50 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     scale = "30 is soft, 35 good, 40 hard to tell apart"
     if r["inks"] is not None:
         scale = "few inks are far in dB: judge by eye"
+    counts = AreaCounts(r["area_count"], r["line_count"], r["node_count"])
+    shapes = f"{counts}, " * any(counts) + f"{r['gaussians']:,} shapes"
     rows = {
-        "file": f"{output}, {r['width']}x{r['height']} px{_shown_width(r)}, {_size(r)}",
-        "shapes": f"{_shapes(r)}: {_stop_text(r)}",
-        "match": f"{_match(r, f' ({scale})')}{_hue(r)}{at}",
-        "focus": _focus(r),
+        "file": f"{output}, {r['width']}x{r['height']} px, {_size(r)}",
+        "shapes": f"{shapes}: {_STOPPED[r['stop_reason']]}",
+        "match": f"{_match(r)}{at} ({scale})",
+        "focus": _psnrs(r, {"inside": "inside of the mask", "outside": "outside"})
+        if r["focus_strength"] is not None
+        else "",
         "transparency": _transparency(r),
-        "inks": _inks(r),
+        "inks": (r["inks"] or "") + f" on paper of {r['paper']}" * (r["paper"] is not None),
         "scores": _scores(r),
-        "browser": _painting(r),
         "time": f"{r['total_s']:.1f} s",
     }
+    if r["paint_ms"] is not None and r["paint_ms"] >= HEAVY_MS:
+        lighter = "--markup editable" if r["markup"] == MINIMAL else "fewer shapes"
+        rows["browser"] = (
+            f"needs about {r['paint_ms'] / 1000:.1f} s to paint it; less with {lighter}"
+        )
     _print_table(rows, [("missed", line) for line in r["unreached"]], r["notes"])
-
-
-def _inks(report: dict[str, Any]) -> str:
-    """Return the inks of a picture, and the colour of paper on which they are printed."""
-    inks = (report["inks"] or "").replace(",", ", ")
-    return f"{inks} on paper of {report['paper']}" if report["paper"] else inks
 
 
 def print_check(report: dict[str, Any], svg: str) -> None:
     """Print what elements an SVG has, how large it is, and how closely it matches the photo."""
     r = report
     tags = [f"{count:,} {tag.rpartition('}')[2]}" for tag, count in r["elements_by_tag"].items()]
-    most = 6  # tags that are listed, namely the most frequent ones
-    others = f", {len(tags) - most} other tags" if len(tags) > most else ""
+    x, y = r["hue_error_at"]
     rows = {
         "file": f"{svg}, {r['svg_width']:g}x{r['svg_height']:g} px",
         "size": _size(r),
-        "elements": f"{r['elements']:,}: {', '.join(tags[:most])}{others}",
-        "match": f"{_match(r)}, MS-SSIM {_ssim(r['ms_ssim_svg'], 176)}, "
+        "elements": f"{r['elements']:,}: {', '.join(tags[:6])}{', ..' * (len(tags) > 6)}",
+        "match": f"{_match(r)}, MS-SSIM {_ssim(r['ms_ssim_svg'])}, "
         f"at {r['width']}x{r['height']} px by {r['renderer']}",
-        "enlarged": _enlarged(r),
         "transparency": _transparency(r),
         "scores": _scores(r),
+        # A local error of hue is seen from 10 on (docs/decisions/metrics.md).
         "errors": f"at most {r['largest_error_svg']:.0f} of 255 levels in any colour channel, "
         f"{r['bias_svg']:+.2f} levels on average; hue off by at most "
-        f"{_hue_error(r, '.1f')}, which one sees from {_SEEN_HUE}",
+        f"{r['hue_error_svg']:.1f} units of CIELAB at x = {x}, y = {y} px, which one sees from 10",
     }
+    if (scale := r["reference_scale"]) is not None:
+        score, ssim = decibels(r["psnr_svg_enlarged"]), _ssim(r["ssim_svg_enlarged"])
+        text = f"PSNR {score}, SSIM {ssim} against the reference, at {scale:g} times the size"
+        rows["enlarged"] = text
     _print_table(rows, [], r["notes"])
 
 
@@ -96,12 +92,12 @@ def check_table(records: Sequence[dict[str, Any]]) -> str:
     done = [record for record in records if "error" not in record]
     sizes = {"bytes": "svg_bytes", "gzipped": "svgz_bytes", "elements": "elements"}
     scores = [score for score in SCORES if any(score.can_show(r[score.key]) for r in done)]
-    heads = ["SVG", *sizes, *(f"{score.name} {score.unit}".strip() for score in scores)]
-    rows = [heads]
+    rows = [["SVG", *sizes, *(f"{score.name} {score.unit}".strip() for score in scores)]]
     for r in records:
-        is_done = "error" not in r
-        cells = [f"{r[key]:,}" if is_done else NONE for key in sizes.values()]
-        cells += [score.text(r[score.key]).split(SPACE)[0] if is_done else NONE for score in scores]
+        cells = [NONE] * (len(sizes) + len(scores))
+        if "error" not in r:
+            cells = [f"{r[key]:,}" for key in sizes.values()]
+            cells += [score.text(r[score.key]).split(SPACE)[0] for score in scores]
         rows.append([on_one_line(r["svg"]), *cells])
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = (
@@ -110,48 +106,12 @@ def check_table(records: Sequence[dict[str, Any]]) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def _enlarged(report: dict[str, Any]) -> str:
-    """Return text on how closely the enlarged SVG matches the reference.
-
-    The text is "" if no reference was given.
-    """
-    scale = report["reference_scale"]
-    if scale is None:
-        return ""
-    score, ssim = decibels(report["psnr_svg_enlarged"]), _ssim(report["ssim_svg_enlarged"])
-    return f"PSNR {score}, SSIM {ssim} against the reference, at {scale:g} times the size"
-
-
-def _match(report: dict[str, Any], scale: str = "") -> str:
-    psnr, ssim = report["psnr_svg"], _ssim(report["ssim_svg"])
-    return f"PSNR {decibels(psnr)}{'' if psnr is None else scale}, SSIM {ssim}"
-
-
-def _hue(report: dict[str, Any]) -> str:
-    """Return text on the largest local error of hue, or "" if it would not be seen.
-
-    The text is "" too for a picture in inks, whose hues are those of the inks.
-    """
-    is_named = report["hue_error_svg"] >= _SEEN_HUE and report["inks"] is None
-    return f", hue off by {_hue_error(report, '.0f')}" if is_named else ""
-
-
-def _hue_error(report: dict[str, Any], form: str) -> str:
-    """Return the largest local error of hue as text, with its unit and its place."""
-    x, y = report["hue_error_at"]
-    return f"{report['hue_error_svg']:{form}} units of CIELAB at x = {x}, y = {y} px"
+def _match(report: dict[str, Any]) -> str:
+    return f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])}"
 
 
 def _size(report: dict[str, Any]) -> str:
     return f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped"
-
-
-def _shown_width(report: dict[str, Any]) -> str:
-    """Return text on the width at which a web page shows the picture, or "" without --size."""
-    size = report["size"]
-    if size is None:
-        return ""
-    return ", shown as wide as its place" if size == RESPONSIVE else f", shown {size} wide"
 
 
 def _scores(report: dict[str, Any]) -> str:
@@ -161,75 +121,30 @@ def _scores(report: dict[str, Any]) -> str:
     return "; ".join(filter(None, [text, *report["scores_missing"]]))
 
 
-def _shapes(report: dict[str, Any]) -> str:
-    """Return text on how many areas, lines and shapes the file has."""
-    counts = AreaCounts(report["area_count"], report["line_count"], report["node_count"])
-    if not any(counts) and report["areas"] != ALWAYS:
-        return f"{report['gaussians']:,}"
-    return f"{counts}, {report['gaussians']:,} shapes" if report["gaussians"] else str(counts)
-
-
-def _stop_text(report: dict[str, Any]) -> str:
-    """Return text on why the file does not have more shapes."""
-    reason, limit = report["stop_reason"], report["max_bytes"]
-    if reason == "max_bytes" and report["gaussians"]:
-        gzipped = report["gzip"] or report["count_gzipped"]
-        has_space = report["svgz_bytes" if gzipped else "svg_bytes"] < 0.97 * limit
-        # Each of a few shapes takes up a large part of the file.
-        is_few = report["gaussians"] < 60
-        why = "one more would not fit" if is_few else "more would not be closer"
-        return f"limited by {limit:,} {'gzipped ' * gzipped}bytes{f'; {why}' * has_space}"
-    has_areas = reason == "gain" and report["area_share"]  # they have a price of bytes
-    without_preset = _NOTHING_TO_GAIN if has_areas or report["quality"] is None else {}
-    return without_preset.get(reason, _STOPPED[reason]).format(**report)
-
-
-def _painting(report: dict[str, Any]) -> str:
-    """Return text on the time that a browser takes to paint the file.
-
-    The text is "" if this time is unknown or less than HEAVY_MS.
-    """
-    paint_ms = report["paint_ms"]
-    if paint_ms is None or paint_ms < HEAVY_MS:
-        return ""
-    lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer shapes"
-    return (
-        f"needs about {paint_ms / 1000:.1f} s of CPU time to paint it, "
-        f"{report['paint_width']:.0f} px wide; less with {lighter}"
-    )
-
-
 def _transparency(report: dict[str, Any]) -> str:
-    """Return text with three PSNRs: over white, over black, and of the alpha channel.
-
-    The text is "" for an opaque photo.
-    """
+    """Return text with the PSNRs of a transparent photo, or "" for an opaque one."""
     if not report["transparent"]:
         return ""
-    white, black, alpha = (decibels(report[f"psnr_svg{over}"]) for over in ("", "_black", "_alpha"))
-    return f"PSNR {white} over white, {black} over black, {alpha} of alpha"
+    return _psnrs(report, {"": "over white", "black": "over black", "alpha": "of alpha"})
 
 
-def _focus(report: dict[str, Any]) -> str:
-    """Return text with two PSNRs, inside and outside of the mask, or "" if there is no mask."""
-    if report["focus_strength"] is None:
-        return ""
-    inside, outside = (decibels(report[f"psnr_svg_{part}"]) for part in ("inside", "outside"))
-    return f"PSNR {inside} inside of the mask, {outside} outside"
+def _psnrs(report: dict[str, Any], parts: dict[str, str]) -> str:
+    """Return text with the PSNR of each part of the picture, whose names are given in words."""
+    keys = {part: f"psnr_svg_{part}".rstrip("_") for part in parts}
+    return "PSNR " + ", ".join(f"{decibels(report[keys[p]])} {w}" for p, w in parts.items())
 
 
 def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: list[str]) -> None:
     lines = [(name, text) for name, text in rows.items() if text]
     lines += [*further, *(("note", note) for note in notes)]
     indent = max(len(name) for name, _ in lines) + 2
-    width = max(columns(), 2 * indent)
     for name, text in lines:
         paragraph = textwrap.fill(
-            f"{name:{indent}}{on_one_line(text)}", width, subsequent_indent=" " * indent,
-            break_long_words=False, break_on_hyphens=False,
+            f"{name:{indent}}{on_one_line(text)}", max(columns(), 2 * indent),
+            subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False,
         )  # fmt: skip
         print(paragraph, file=sys.stderr)
 
 
-def _ssim(value: float | None, least_side: int = 11) -> str:
-    return f"not defined under {least_side} px" if value is None else f"{value:.3f}"
+def _ssim(value: float | None) -> str:
+    return "not defined for so small a picture" if value is None else f"{value:.3f}"

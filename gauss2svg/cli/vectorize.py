@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from gauss2svg import files, processes
 from gauss2svg.cli.parser import run_options
 from gauss2svg.cli.terminal import Interruption, handling, say, status_of
-from gauss2svg.errors import InputError, brief, quoted, refusal
+from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Goal, Options
@@ -22,7 +22,6 @@ from gauss2svg.svg import MOST_TRAP, Plotter
 
 if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
-    from gauss2svg.scene import Scene
 
 _PROGRAM_START_S = time.perf_counter()  # --time-limit counts the time from here
 
@@ -168,8 +167,9 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
     processes.keep_freed_memory()
     interruption = Interruption()
     with handling(interruption.receive):
-        output = _output(photo, output, extras.overwrite)
-        extras = extras.in_folders("photo" if photo == STANDARD_STREAM else Path(photo).stem)
+        stem = "photo" if photo == STANDARD_STREAM else Path(photo).stem
+        output = _output(photo, output, stem, extras.overwrite)
+        extras = extras.in_folders(stem)
         options = _checked(photo, output, options, extras)
         result = _result(photo, output, options, extras, interruption)
         # The summary tells which targets were missed. With --quiet, there is no summary. A line is
@@ -190,27 +190,20 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
     return 0 if interruption.signal is None else status_of(interruption.signal)
 
 
-def _output(photo: str, output: str | None, overwrite: bool) -> str:
+def _output(photo: str, output: str | None, stem: str, overwrite: bool) -> str:
     """Return the name of the SVG: `output`, or photo.svg in the folder of `output` or of the photo.
 
     If the name is photo.svg, raise InputError if there is such a file that gauss2svg did not write,
-    unless `overwrite` is True. Also raise it if the photo has that name, and if `output` is None
-    and the photo is standard input.
+    unless `overwrite` is True. Also raise it if `output` is None and the photo is standard input.
+
+    stem  name of the photo without its ending
     """
-    stem, path = "photo" if photo == STANDARD_STREAM else Path(photo).stem, output
-    if path == STANDARD_STREAM:
-        return path
-    if path == "":
-        raise refusal("--output", "the name of a file", "''", "-o out.svg")
-    if path is not None:
-        path = in_folder(path, f"{stem}.svg")
-    elif photo == STANDARD_STREAM:
+    if output == STANDARD_STREAM:
+        return output
+    if not output and photo == STANDARD_STREAM:
         advice = "-o out.svg, or -o - for standard output"
         raise InputError(f"--output must be given if the photo is standard input. Try {advice}")
-    else:
-        path = os.fspath(Path(photo).with_suffix(".svg"))
-        if Path(path) == Path(photo):
-            raise refusal("the photo", "an image other than an SVG", quoted(photo))
+    path = in_folder(output, f"{stem}.svg") if output else str(Path(photo).with_suffix(".svg"))
     if path != output and not overwrite and os.path.isfile(path):
         from gauss2svg.svg.file import is_own
 
@@ -234,8 +227,7 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
 
     if extras.prints_report and output == STANDARD_STREAM:
         raise refusal("--report", "a file if -o is standard output", "-", "--report report.json")
-    for name, rule, advice in _exclusions(options, extras):
-        raise InputError(f"{name} must {rule}. Try {advice}")
+    _check_together(options, extras)
     if extras.cut:
         from gauss2svg.svg.plates import require_shapely  # few runs need it
 
@@ -254,27 +246,22 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
     return options.changed(gzip=True) if is_svgz(output) else options
 
 
-def _exclusions(options: Options, extras: Files) -> Iterator[tuple[str, str, str]]:
-    """Yield (name, rule, advice) for each option of an output file that breaks a rule.
-
-    The error message is then "NAME must RULE. Try ADVICE". So the rule goes on after "must". It
-    ends with a reason, or with what was given.
-    """
-    if extras.outline is not None and options.written_blend == ADD:
-        why = "because its shapes are not drawn one over the other"
-        yield "--outline", f"not be given with --blend {ADD}, {why}", "--portable"
-    if extras.separations is not None and options.fit.inks is None:
-        yield "--separations", "be given with --inks; got none", "--inks 3"
-    if extras.cut and (options.fit.inks is None or extras.separations is extras.outline is None):
-        rule = "be given with --inks, and with --separations or --outline"
-        yield "--cut", rule, '--inks "#c0322c,#17324d" --separations cut.svg --cut'
-    for name, other in (("trap", "cut"), ("marks", "separations")):
-        if getattr(extras, name) and not getattr(extras, other):
-            example = {"cut": "--cut", "separations": "--separations plate.svg"}[other]
-            yield f"--{name}", f"be given with --{other}", f"{example} too"
-    for name, value in vars(Plotter()).items() if extras.plot is None else ():
-        if (got := getattr(extras, name)) != value:
-            yield flag_of(name), f"be given with --plot; got {got} alone", "--plot plot.svg"
+def _check_together(options: Options, extras: Files) -> None:
+    """Raise InputError if an option of an output file needs or excludes another option."""
+    inks, plates = options.fit.inks, extras.separations
+    rules = [
+        (extras.outline and options.written_blend == ADD, "--outline", f"without --blend {ADD}"),
+        (plates and inks is None, "--separations", "with --inks 3"),
+        (extras.cut and inks is None, "--cut", "with --inks 3"),
+        (extras.cut and not (plates or extras.outline), "--cut", "with --separations cut.svg"),
+        (extras.trap and not extras.cut, "--trap", "with --cut"),
+        (extras.marks and not plates, "--marks", "with --separations plate.svg"),
+    ]
+    changed = Plotter.of(vars(extras)) != Plotter() and extras.plot is None
+    rules.append((changed, "options of plotters", "with --plot plot.svg"))
+    for is_broken, name, other in rules:
+        if is_broken:
+            raise InputError(f"{name} must be given {other}")
 
 
 def _result(
@@ -283,69 +270,60 @@ def _result(
     from gauss2svg.pipeline.run import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
-    source = files.read_input() if photo == STANDARD_STREAM else photo
+    source, start = files.read_input() if photo == STANDARD_STREAM else photo, None
     if output == STANDARD_STREAM or extras.prints_report:
         # If standard output is closed, this raises an error now and not only after the fit.
         files.standard_stream(sys.stdout, "output")
+    if extras.start is not None:
+        from gauss2svg.scene import Scene
+        from gauss2svg.svg.read import read_svg
+
+        is_scene = extras.start.suffix.lower() == ".npz"
+        start = Scene.load(extras.start) if is_scene else read_svg(extras.start)
     started = _PROGRAM_START_S if options.goal.time_limit is not None else None
     with watched(not extras.quiet) as progress:
         return vectorize_by(
-            options, source, focus=extras.focus, start=_start(extras.start), progress=progress,
+            options, source, focus=extras.focus, start=start, progress=progress,
             stop=interruption.should_stop, started=started,
         )  # fmt: skip
 
 
-def _start(path: Path | None) -> "Scene | None":
-    if path is None:
-        return None
-    from gauss2svg.scene import Scene
-    from gauss2svg.svg.read import read_svg
-
-    return Scene.load(path) if path.suffix.lower() == ".npz" else read_svg(path)
-
-
 def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
-    """Write all files. Yield the lines that are to be printed about outlines, plots and plates."""
+    """Write all files. Yield the lines that are to be printed about plots and plates."""
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])
-    contents: dict[files.FileName, bytes] = {} if output == STANDARD_STREAM else {output: svg}
+    contents: dict[files.FileName, bytes] = {}
     if output == STANDARD_STREAM:
         files.write_output(svg)
+    else:
+        contents[output] = svg
     svgs: dict[Path, str] = {}
-    plot = None if extras.plot is None else result.plot(Plotter.of(vars(extras)))
-    if extras.plot is not None and plot is not None:
+    lines: list[str] = []
+    if extras.plot is not None:
+        plot = result.plot(Plotter.of(vars(extras)))
         svgs[extras.plot] = plot.svg
+        lines.append(f"{extras.plot}: {plot}")
     if extras.outline is not None:
         svgs[extras.outline] = result.outline(extras.cut, extras.trap or 0.0)
-    visible: dict[Path, str] = {}
-    invisible: dict[Path, str] = {}
     if extras.separations is not None:
         plates = result.plates(extras.cut, extras.trap or 0.0, extras.marks)
         inks = result.report["inks"].split(",")
         for path, ink in zip(extras.plates(len(inks)), inks, strict=True):
-            (visible if ink in plates else invisible)[path] = ink
-        svgs |= {path: plates[ink] for path, ink in visible.items()}
+            if ink in plates:
+                svgs[path] = plates[ink]
+                lines.append(f"{path}: {ink}")
+            else:
+                yield f"{path} is not written, because {ink} is visible nowhere"
     contents |= {path: file_bytes(text, is_svgz(path)) for path, text in svgs.items()}
-    makers = {
-        extras.preview: lambda: files.as_png(result.raster),
-        extras.save_scene: lambda: files.saved(result.scene.save),
-        None if extras.prints_report else extras.report: lambda: files.as_json(result.report),
-    }
-    contents |= {path: make() for path, make in makers.items() if path is not None}
+    if extras.preview is not None:
+        contents[extras.preview] = files.as_png(result.raster)
+    if extras.save_scene is not None:
+        contents[extras.save_scene] = files.saved(result.scene.save)
+    if "report" in extras.outputs:
+        contents[extras.outputs["report"]] = files.as_json(result.report)
     files.write_all_atomically(contents)
     if extras.prints_report:
         files.write_output(files.as_json(result.report))
-    is_hidden = extras.outline is not None and not (extras.quiet or extras.cut)
-    if is_hidden and (hiding := result.hiding) > 0:
-        yield (
-            f"{extras.outline} also shows lines that the picture hides, below {hiding} opaque "
-            "ellipses"
-        )
-    if plot is not None and not extras.quiet:
-        yield f"{extras.plot}: {plot}"
-    if extras.separations is not None and not extras.quiet:
-        yield f"plates: {', '.join(f'{path} ({ink})' for path, ink in visible.items())}"
-    yield from (
-        f"{path} is not written, because {invisible[path]} is visible nowhere" for path in invisible
-    )
+    if not extras.quiet:
+        yield from lines

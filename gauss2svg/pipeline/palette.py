@@ -34,12 +34,6 @@ from gauss2svg.without_scipy import nearest_entry, weighted_means
 # ln beta is multiplied by this factor. This value of the factor is the best for photos, and nearly
 # the best for files of few bytes.
 BETA_WEIGHT = 0.1
-# If there are as many entries as allowed, and they change hues, this share of them is left to the
-# parts whose hue would change. If an error decides their number, the entries that are added are at
-# most the larger of LEAST_ADDED and a share ADDED of the shapes, because a gradient takes as many
-# bytes as three shapes.
-FOR_HUES, ADDED, LEAST_ADDED = 0.1, 0.06, 4
-PAYS = 0.9  # the largest change of hue must fall to this share, or the palette stays as it is
 
 
 def best_palette(
@@ -75,13 +69,13 @@ def best_palette(
     features = np.column_stack([color, BETA_WEIGHT * portable.log(_class_of(beta))])
     entries, entry = few_entries(features, weight, count, allowed, _rounded)
     if change is not None and (before := change.largest(entries[entry, :3])) > LARGEST_CHANGE:
-        most, palette = count - math.ceil(FOR_HUES * count), (entries, entry)
-        if len(entries) > most:
+        most, palette = count - math.ceil(0.1 * count), (entries, entry)
+        if len(entries) > most:  # a tenth of the entries is left to the parts that change
             palette = few_entries(features, weight, most, allowed, _rounded)
-        else:
-            count = min(count, len(entries) + max(LEAST_ADDED, round(ADDED * len(entry))))
+        else:  # a gradient takes as many bytes as three shapes, so few entries are added
+            count = min(count, len(entries) + max(4, round(0.06 * len(entry))))
         palette = keep_hues(change, features, palette, count, _rounded)
-        if change.largest(palette[0][palette[1], :3]) < PAYS * before:
+        if change.largest(palette[0][palette[1], :3]) < 0.9 * before:
             entries, entry = palette
     return entries[:, :3], _class_of(portable.exp(entries[:, 3] / BETA_WEIGHT)), entry
 
@@ -146,12 +140,6 @@ def quantize(
     return with_falloffs(scene, beta).replace(color=color, drawn=written.drawn)
 
 
-# Number of iterations of Lloyd's algorithm. Twice as many improve the result by less than 2 %.
-ITERATIONS = 6
-# Clusters are split until their error is at most a bound. The first bound is the allowed error
-# multiplied by this factor. The factor may be larger than 1, because Lloyd's algorithm then removes
-# about a tenth of the clusters' error.
-CLUSTER_SPARE = 1.12
 Rows = NDArray[np.float64]
 # Entries (k, d), and the index (n,) of each feature's entry.
 Palette = tuple[Rows, NDArray[np.intp]]
@@ -188,7 +176,7 @@ def few_entries(
 
         Return the improved entries, and an array with the index of each feature's entry.
         """
-        for _ in range(ITERATIONS):
+        for _ in range(6):  # twice as many improve the result by less than 2 %
             entry = nearest_entry(entries, features)[1]
             entries = weighted_means(features, weight, entry, entries)[np.unique(entry)]
         entries = np.unique(rounded(entries), axis=0)
@@ -197,7 +185,9 @@ def few_entries(
     if distinct <= count and loss(*exact) > allowed:
         # Rounding alone causes more error than is allowed. Fewer entries would cause still more.
         return exact
-    most, aim = min(count, distinct), allowed * CLUSTER_SPARE
+    # Clusters are split until their error is at most `aim`, which is larger than the allowed error,
+    # because Lloyd's algorithm removes about a tenth.
+    most, aim = min(count, distinct), 1.12 * allowed
     clusters = Clusters(features, weight)
     while True:
         clusters.split(most, aim)
@@ -263,17 +253,6 @@ class Clusters:
 
 
 LARGEST_CHANGE = 4.0  # largest change of hue by a palette, as a mean over a window
-# A shape is blamed for the change at its place if it changes the hue there by at least this share
-# of LARGEST_CHANGE.
-BLAMED = 0.9
-# A blamed shape gets another entry of the palette if the distance of their features is at most
-# this. Otherwise it gets a new entry.
-NEAR = 0.1
-# In each time, the places are mended whose change is at least this share of the largest one.
-WORST = 0.6
-# The longest side in px at which the change is rendered. Larger pictures are reduced, and the
-# window with them.
-LARGEST_SIDE = 512
 _SCALE = 100.0  # hues are divided by this, so that they are about as large as colours
 
 
@@ -286,8 +265,8 @@ class HueChange:
 
     def __init__(self, scene: Scene, shaded: NDArray[np.bool_]) -> None:
         longest = max(scene.width, scene.height)
-        side = min(longest, LARGEST_SIDE)
-        # A picture that is reduced to LARGEST_SIDE was measured at about twice this size.
+        side = min(longest, 512)  # larger pictures are reduced
+        # A picture that is reduced was measured at about twice this size.
         self._window = WINDOW if side == longest else WINDOW // 2 + 1
         self._width, self._height = (
             max(1, round(length * side / longest)) for length in (scene.width, scene.height)
@@ -340,12 +319,13 @@ def keep_hues(
     for _ in range(12):  # times that entries are added, at most
         own, local = change.of(entries[entry, :3])
         size = portable.hypot(*local)
-        hot = size > max(LARGEST_CHANGE, WORST * float(size.max()))
+        hot = size > max(LARGEST_CHANGE, 0.6 * float(size.max()))  # the worst places come first
         if not hot.any() or len(entries) >= count:
             break
         direction = np.where(hot, local / np.maximum(size, 1e-9), 0)
         *along, shown = change.seen(np.stack([*direction, hot])).T
-        is_blamed = (own * np.stack(along, axis=1)).sum(axis=1) > BLAMED * LARGEST_CHANGE * shown
+        # A shape is blamed if it changes the hue of its place by nearly the largest change.
+        is_blamed = (own * np.stack(along, axis=1)).sum(axis=1) > 0.9 * LARGEST_CHANGE * shown
         blamed = np.flatnonzero(is_blamed & (shown > 0.1))  # px that show the shape
         if not len(blamed):
             break
@@ -363,7 +343,7 @@ def keep_hues(
 
 
 def _near(features: Rows, hues: NDArray[np.floating], entries: Rows) -> NDArray[np.intp]:
-    """Return the nearest entry of each shape that has its hue, or -1 if it is not within NEAR."""
+    """Return the nearest entry of each shape that has its hue, or -1 if it is 0.1 or more away."""
     near, own = np.empty(len(features), np.intp), chroma(entries[:, :3])
     band = max(1, 2**18 // len(entries))  # shapes that are compared at a time, to save memory
     for first in range(0, len(features), band):
@@ -371,7 +351,7 @@ def _near(features: Rows, hues: NDArray[np.floating], entries: Rows) -> NDArray[
         apart = np.sqrt(np.square(features[part, None] - entries).sum(axis=2))
         turns = np.square(hues[part, None] - own).sum(axis=2)
         apart[turns > LARGEST_CHANGE**2] = np.inf
-        near[part] = np.where(apart.min(axis=1) < NEAR, apart.argmin(axis=1), -1)
+        near[part] = np.where(apart.min(axis=1) < 0.1, apart.argmin(axis=1), -1)
     return near
 
 

@@ -121,7 +121,6 @@ class Plan:
                "" for other pictures, and before the photo is read
     printed    inks that the user listed, their paper and their tones (printed_colors), which the
                inks of `options` replace (on_paper). None for other inks, and before
-    ink_count  number of inks that were to be chosen for the picture. None for listed inks
     Raise InputError or RendererError if options exclude each other.
     """
 
@@ -133,7 +132,6 @@ class Plan:
     has_focus: bool = False
     sketch: str = ""
     printed: tuple[str, str | None, int | None] | None = None
-    ink_count: int | None = None
 
     def __post_init__(self) -> None:
         check_together(self.options)
@@ -214,7 +212,7 @@ class Plan:
             return dataclasses.replace(self, options=options)
         if isinstance(count, int):
             options = options.changed(inks=inks_of(pixels, count, options.fit.paper))
-            plan = dataclasses.replace(self, options=options, ink_count=count)
+            plan = dataclasses.replace(self, options=options)
             return (plan.on_paper() if options.fit.paper else plan).for_picture(pixels)
         may = options.svg.areas == AUTO and self.may_be_exact
         has_areas = self.has_areas or (may and may_have_areas(pixels))

@@ -29,7 +29,7 @@ from gauss2svg import portable
 from gauss2svg.areas.arrays import dilated, distance_to, widened
 from gauss2svg.areas.find import RATE, UNIT
 from gauss2svg.areas.lines import parts_between, strokes_of
-from gauss2svg.areas.outlines import lengths_of
+from gauss2svg.areas.outlines import lengths_of, sampled
 from gauss2svg.render import render
 from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import Area, Scene
@@ -41,7 +41,6 @@ from gauss2svg.svg.write import text_of
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-_TURNS_DEG = 0.0, 60.0, 120.0  # directions of hatching, from light to dark tones
 _WIDEST = 0.022  # width of the widest line, as a share of the picture's longer side
 _FINE = 3  # cells along a side of a px in which lines are found
 
@@ -133,14 +132,13 @@ def plotted(
     sides = np.array([scene.width, scene.height]) * mm_per_px
     # A stroke is 3 cells wide, unless the picture would have more than ten million cells.
     cell = max(plotter.pen_width / 3, float(np.sqrt(sides.prod() / 1e7)))
-    columns, rows = np.maximum(np.round(sides / cell), 1).astype(int).tolist()
+    columns, rows = size = np.maximum(np.round(sides / cell), 1).astype(int)
     pen_cells, scale = plotter.pen_width / cell, mm_per_px / cell
     picture = np.clip(render(scene, columns, rows), 0, 1)
     colors, tones = _colors_and_tones(inks, paper, overprint)
     strokes: list[list[Floats]] = [[] for _ in tones.T]
     lines, thin = _centrelines(scene)
     in_line = _enlarged(thin, rows, columns)
-    size = np.array([columns, rows])
     found = [
         (color, np.clip(_simplified(_points_along(scale * line, size)), 0, size))
         for color, line in lines
@@ -325,22 +323,13 @@ def _points_along(segments: Floats, size: Floats) -> Floats:
 
     size  its columns and rows
     """
-    while True:
-        low, high = segments.min(axis=1), segments.max(axis=1)
-        near = ((low <= size) & (high >= 0)).all(axis=1)
-        split = near & (
-            portable.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1) > 1
-        )
-        if not split.any():
-            return np.concatenate([segments[:, 0], segments[-1:, 3]])
-        a, b, c, d = segments[split].transpose(1, 0, 2)
-        ab, bc, cd = (a + b) / 2, (b + c) / 2, (c + d) / 2
-        abc, bcd = (ab + bc) / 2, (bc + cd) / 2
-        middle = (abc + bcd) / 2
-        first = np.cumsum(1 + split) - 1 - split  # index of the first half, or of the segment
-        segments = np.repeat(segments, 1 + split, axis=0)
-        segments[first[split]] = np.stack([a, ab, abc, middle], axis=1)
-        segments[first[split] + 1] = np.stack([middle, bcd, cd, d], axis=1)
+    near = ((segments.min(axis=1) <= size) & (segments.max(axis=1) >= 0)).all(axis=1)
+    length = portable.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    # A cubic curve moves by up to three times its length for a step of its parameter. Segments that
+    # are much longer than any picture have fewer points.
+    count = np.where(near, np.clip(np.ceil(3 * length), 1, 1e5), 1).astype(int)
+    points = sampled(segments, np.ones(len(segments), bool), count)
+    return np.concatenate([points, segments[-1:, 3]])
 
 
 def _ends_of_runs(flags: Bools) -> list[list[int]]:
@@ -385,10 +374,10 @@ def _hatching(tone: Floats, distance: float, pen: float, angle_deg: float) -> li
     it is dark between them, so that the pen stays down.
     """
     share, strokes = min(pen / distance, 1.0), list[Floats]()
-    covered = 1 - portable.power(1 - share, np.arange(len(_TURNS_DEG) + 1))
+    covered = 1 - portable.power(1 - share, np.arange(4))
     rows, columns = tone.shape
-    for turn, before in zip(_TURNS_DEG, covered[:-1], strict=True):
-        angle = np.radians(angle_deg + turn)
+    for turn, before in enumerate(covered[:-1]):  # three directions, from light to dark tones
+        angle = np.radians(angle_deg + 60 * turn)
         along = np.array([portable.cos(angle), portable.sin(angle)])
         across = np.array([-along[1], along[0]])
         # Every second line is drawn from a lighter tone on. With more such steps there were more

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import html
 import importlib
-import os
 import shutil
 import sys
 import threading
 import time
 import unicodedata
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from gauss2svg.errors import on_one_line
@@ -28,8 +27,6 @@ _PHASES = {
     "write": "writing the SVG",
     "measure": "rasterising and measuring the SVG",
 }
-_FITS = {"additive": "fitting additively", "correct": "correcting the number of shapes"}
-_MOST_SIDE = 400  # px. Frames are small and few, because notebooks keep all of them as text
 
 
 def shown() -> AbstractContextManager[ProgressCallback | None]:
@@ -41,18 +38,29 @@ def shown() -> AbstractContextManager[ProgressCallback | None]:
 
 
 @contextmanager
-def counting() -> Iterator[Callable[[str, int, int], None]]:
+def counting(quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
     """Show a bar of tasks in a notebook or a terminal, and yield a function that moves the bar.
 
-    The function is update(current step, finished tasks, number of tasks).
+    The function is update(current step, finished tasks, number of tasks). If there is neither a
+    notebook nor a terminal, it prints a line every minute instead.
+
+    quiet  whether to show nothing
     """
-    with _notebook_bar() if _is_in_notebook() else terminal_bar("reading the photos") as show:
-        yield lambda *state: None if show is None else show(*counted(*state))
+    bar = _notebook_bar() if _is_in_notebook() else terminal_bar("reading the photos")
+    last_line_at = time.monotonic()
+    with nullcontext() if quiet else bar as show:
 
+        def update(now: str, done: int, total: int) -> None:
+            nonlocal last_line_at
+            text = f"{done:,} of {total:,}{f': {now}' if now else ''}"
+            if show is not None:
+                show(text, done / max(total, 1))
+            elif not quiet and time.monotonic() - last_line_at >= 60:
+                # A run of one night writes only hundreds of lines.
+                last_line_at = time.monotonic()
+                print(f"gauss2svg: {on_one_line(text)}", file=sys.stderr)
 
-def counted(now: str, done: int, total: int) -> tuple[str, float]:
-    """Return a text about tasks, such as "22 of 41: a.jpg", and the share that is done."""
-    return f"{done:,} of {total:,}{f': {now}' if now else ''}", done / max(total, 1)
+        yield update
 
 
 def _is_in_notebook() -> bool:
@@ -68,7 +76,7 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
     share  share of the work that is done, 0..1, or None if it is unknown
     Yield None if standard error is not a terminal.
     """
-    if not _is_terminal(sys.stderr):
+    if not getattr(sys.stderr, "isatty", bool)():  # it is None without a console
         yield None
         return
     state, begun, ended = (text, 0.0), time.monotonic(), threading.Event()
@@ -106,28 +114,14 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
 
 
 def columns() -> int:
-    """Return the width of the terminal of standard error, or 80 if it is not known."""
-    with suppress(OSError):
-        return os.get_terminal_size(2).columns or 80
+    """Return the width of the terminal, or 80 if it is not known."""
     return shutil.get_terminal_size().columns
-
-
-def _is_terminal(stream: Any) -> bool:
-    try:
-        return stream.isatty()
-    except (AttributeError, ValueError):  # None without a console, another object, or closed
-        return False
 
 
 @contextmanager
 def _terminal() -> Iterator[ProgressCallback | None]:
     with terminal_bar("starting") as show:
         yield None if show is None else lambda progress: show(*_text_and_share(progress))
-
-
-# Limits on the cost of a fit's frames (docs/decisions/studio.md).
-_MOST_FRAMES_A_SECOND = 15
-_CPU_SHARE = 0.06  # share of a fit's CPU time that its frames may take
 
 
 class FrameMaker:
@@ -140,7 +134,7 @@ class FrameMaker:
     size  arguments of gauss2svg.render.as_jpeg
     """
 
-    def __init__(self, most_a_second: float = _MOST_FRAMES_A_SECOND, **size: int) -> None:
+    def __init__(self, most_a_second: float = 15, **size: int) -> None:
         self._between_s, self._size = 1 / most_a_second, size
         self._due = self._cpu_due = 0.0
 
@@ -154,9 +148,9 @@ class FrameMaker:
         data = as_jpeg(scene(), **self._size)
         cpu_ended = time.process_time()
         self._due = started + self._between_s
-        # This limit counts CPU time and not wall-clock time, because other programs on the machine
-        # do not change the CPU time of this process.
-        self._cpu_due = cpu_ended + (cpu_ended - cpu_started) / _CPU_SHARE
+        # Frames may take 6 % of the CPU time of a fit (docs/decisions/studio.md). This limit counts
+        # CPU time and not wall-clock time, which other programs on the machine would change.
+        self._cpu_due = cpu_ended + (cpu_ended - cpu_started) / 0.06
         return data
 
 
@@ -183,7 +177,8 @@ def _notebook() -> Iterator[ProgressCallback]:
     from gauss2svg.svg.file import image
 
     display: Any = importlib.import_module("IPython.display")
-    frames = FrameMaker(most_a_second=4, most_side=_MOST_SIDE)
+    most_side = 400  # px. Frames are small and few, because notebooks keep all of them as text
+    frames = FrameMaker(most_a_second=4, most_side=most_side)
     handle = display.display(display.HTML("starting"), display_id=True)
     newest: FitProgress | None = None
     last = ""
@@ -208,7 +203,7 @@ def _notebook() -> Iterator[ProgressCallback]:
         # The last call of `update` may not have shown its picture, because it came too soon after
         # another one. So the newest picture is shown now.
         if newest is not None:
-            last = picture(as_jpeg(newest.scene(), _MOST_SIDE), newest)
+            last = picture(as_jpeg(newest.scene(), most_side), newest)
         handle.update(display.HTML(last))
 
 
@@ -220,9 +215,9 @@ def _text_and_share(progress: Progress) -> tuple[str, float | None]:
     now = progress.fit
     if now is None:
         return _PHASES[progress.phase], None
-    text = _FITS.get(progress.phase, f"fitting, round {now.round}")
-    if progress.phase == "areas":
-        text = "refining areas"
+    texts = {"additive": "fitting additively", "correct": "correcting the number of shapes"}
+    texts["areas"] = "refining areas"
+    text = texts.get(progress.phase, f"fitting, round {now.round}")
     return f"{text}, {now.remaining_s:.0f} s left: {_figures(now)}", now.done
 
 

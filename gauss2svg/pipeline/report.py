@@ -16,24 +16,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg import portable
-from gauss2svg.errors import InputError
 from gauss2svg.measure import SCORES, Scores, decibels
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import paint_ms, shown_width
-from gauss2svg.photo.pixels import Photo, over, pixels_of
-from gauss2svg.pipeline.budgets import measured_size
+from gauss2svg.photo.pixels import Photo, over, pixels_of, shrunk
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import (
-    MOST_INKS,
     ink_colors,
     ink_name,
     inks_in,
-    inks_of,
     oklab,
     printed_colors,
 )
@@ -41,10 +36,6 @@ from gauss2svg.svg import CURRENT_COLOR, MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
 from gauss2svg.without_scipy import nearest_entry
-
-# Distance in a and b of Oklab from which a hue counts as another one. Greys and hues that are
-# nearer to grey than this are no strong hues.
-FAR_HUE = 0.1
 
 
 def run_report(
@@ -168,10 +159,6 @@ def _by_focus(outcome: Outcome) -> dict[str, float | None]:
 def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
     """Yield notes on choices of the run that a user may want to know about or to change."""
     chosen, count, rate = outcome.plan, len(outcome.file.scene), plan.options.fit.learning_rate
-    usual = measured_size(photo.original_size, outcome.subject.size)
-    size = photo.width, photo.height
-    if plan.goal.time_limit is not None and size < usual:
-        yield f"measured at {photo.width}x{photo.height} px to meet the time limit"
     # If the bytes suffice for no shape, `unreached` reports it.
     is_clear = photo.alpha is not None and photo.alpha.any()
     is_empty = not count and not outcome.file.scene.areas
@@ -203,11 +190,6 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
         overprint = plan.printed[2]
         mixed = "" if overprint and overprint > 1 else ", or --overprint 3 if they may mix"
         yield f"{far}. Try inks of its colours, such as those of --inks 4{mixed}"
-    if plan.ink_count is not None:
-        chosen_inks = plan.printed[0] if plan.printed else str(plan.options.fit.inks)
-        if (few := chosen_inks.count(",") + 1) < plan.ink_count:
-            yield f"{few} inks: the other colours of the picture are those of antialiasing"
-        yield from _missing_hue(chosen_inks, plan, outcome)
     # Only users who have raised the rate above 1 are told that the fit diverged, because they can
     # lower the rate again.
     if outcome.fitted.rollbacks and rate > 1:
@@ -215,45 +197,6 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             f"--learning-rate {rate:g} is too large for this picture. The fit diverged, went back "
             f"to its best state and ended with {outcome.fitted.rate:.3g}"
         )
-
-
-def _missing_hue(chosen: str, plan: Plan, outcome: Outcome) -> Iterator[str]:
-    """Yield a note if the photo has a strong hue from which all inks are far.
-
-    It compares a and b of Oklab of the mean colours of blocks, 128 of them along the longer side
-    (docs/decisions/inks.md).
-
-    chosen  inks that were chosen for the photo, without the paper
-    """
-    photo, raster, paper = outcome.subject.photo, outcome.measured.raster, plan.printed
-    wanted, drawn = (_blocks(pixels, 128).reshape(-1, 3) for pixels in (photo, raster))
-    hues = oklab(wanted)[:, 1:]
-
-    def offsets(inks: str) -> NDArray[np.float64]:
-        return nearest_entry(oklab(ink_colors(inks))[:, 1:], hues)[0]
-
-    far = np.where(portable.hypot(*hues.T) > FAR_HUE, offsets(str(plan.options.fit.inks)), 0.0)
-    if np.count_nonzero(far > FAR_HUE) < 4:
-        return
-    worst, count = int(far.argmax()), plan.ink_count or 0
-    color = ink_name(wanted[worst])
-    more = f'--inks "{chosen},{color}"'
-    for larger in range(count + 1, min(count + 3, MOST_INKS)):
-        with suppress(InputError):  # the picture may have fewer colours
-            inks = inks_of(photo, larger, paper[1] if paper else None)
-            if offsets(inks)[worst] < FAR_HUE / 2:
-                more = f"--inks {larger}, or {more}"
-                break
-    now = ink_name(drawn[worst])
-    yield f"no ink has the hue of {color} in the photo, which is {now}. Try {more}"
-
-
-def _blocks(pixels: NDArray[np.float32], count: int) -> NDArray[np.float64]:
-    """Return the mean colours (rows, columns, 3) of blocks, `count` along the longer side."""
-    side = max(1, round(max(pixels.shape[:2]) / count))
-    rows, columns = (max(1, length // side) for length in pixels.shape[:2])
-    cut = over(pixels)[: rows * side, : columns * side].astype(np.float64)
-    return cut.reshape(rows, len(cut) // rows, columns, -1, 3).mean(axis=(1, 3))
 
 
 def _far_colors(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> str:
@@ -264,7 +207,9 @@ def _far_colors(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> str:
 
     raster, photo  (h, w, 3), or (h, w, 4) with alpha, in 0..1
     """
-    drawn, wanted = _blocks(raster, 24), _blocks(photo, 24)
+    longest = max(photo.shape[:2])
+    height, width = (max(1, round(min(24, longest) * n / longest)) for n in photo.shape[:2])
+    drawn, wanted = (shrunk(over(p), height, width).astype(np.float64) for p in (raster, photo))
     is_far = np.square(oklab(drawn) - oklab(wanted)).sum(axis=2) > 0.15**2
     if (share := is_far.mean()) < 0.2:
         return ""

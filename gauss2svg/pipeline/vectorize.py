@@ -105,11 +105,6 @@ class Result:
         inks, paper, overprint = (self.report[key] for key in ("inks", "paper", "overprint"))
         return plotted(self.scene, plotter, self.document, inks, paper, overprint)
 
-    @property
-    def hiding(self) -> int:
-        """Number of shapes that hide what is below them: nearly opaque shapes with crisp rims."""
-        return int(np.count_nonzero((self.scene.opacity >= 0.95) & (self.scene.beta >= 3.0)))
-
     def plates(self, cut: bool = False, trap: float = 0.0, marks: bool = False) -> dict[str, str]:
         """Return a dict that has an SVG for each ink, under the ink's #rrggbb.
 

@@ -13,7 +13,7 @@ from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
 from gauss2svg.scene.inks import PALETTE_SUFFIX
-from gauss2svg.studio.worker import MASK, stem_of
+from gauss2svg.studio.worker import MASK
 
 # Largest number of pixels of a PNG. Drawing so large a PNG takes half a gigabyte of memory.
 MOST_DRAWN = 40_000_000
@@ -47,25 +47,17 @@ def options_of(values: dict[str, Any], has_focus: bool = False) -> Options:
 
 def form() -> dict[str, Any]:
     """Return the groups of options, first choices, scores and limits, as data for the page."""
+    groups = []
+    for key, group in GROUPS.items():
+        texts, fields = texts_of(group), fields_of(group)
+        options = [_described(f, texts[f.name]) for f in fields if f.name not in _NOT_OFFERED]
+        groups.append({"title": GROUP_TITLES[key], "options": options})
+    names = ("key", "name", "title", "unit", "digits", "best")
     return {
         "limits": {"png_pixels": MOST_DRAWN},
         "uses": {name: options for name, (_, options) in USES.items()},
-        "groups": [
-            {
-                "title": GROUP_TITLES[key],
-                "options": [
-                    _described(field, texts[field.name])
-                    for field in fields_of(group)
-                    if field.name not in _NOT_OFFERED
-                ],
-            }
-            for key, group in GROUPS.items()
-            for texts in [texts_of(group)]
-        ],
-        "scores": [
-            {n: getattr(score, n) for n in ("key", "name", "title", "unit", "digits", "best")}
-            for score in SCORES
-        ],
+        "groups": groups,
+        "scores": [{name: getattr(score, name) for name in names} for score in SCORES],
     }
 
 
@@ -85,7 +77,6 @@ def _described(field: Field, text: str) -> dict[str, Any]:
         "type": kind,
         "choices": list(field.choices) if kind == "choice" else None,
         "min": field.least if is_number else None,
-        "above": field.is_above,
         "max": field.most if is_number else None,
         "default": field.default,
         "help": text,
@@ -108,7 +99,7 @@ def lines_of(name: str, options: Options, has_focus: bool = False) -> dict[str, 
     words = ["gauss2svg", _as_file_name(name), "-o", _as_file_name(output)]
     arguments, names = [repr(name)], ["vectorize"]
     if has_focus:
-        mask = f"{stem_of(name)}-{MASK}"
+        mask = f"{PurePath(name).stem}-{MASK}"
         words += ["--focus", _as_file_name(mask)]
         arguments.append(f"focus={mask!r}")
     for key, group in GROUPS.items():

@@ -5,28 +5,26 @@ from __future__ import annotations
 import asyncio
 import base64
 import io
-import itertools
 import os
 import re
 import shutil
-import unicodedata
 import zipfile
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from mimetypes import guess_type
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, File, Form, Query, Request, UploadFile
 from fastapi.responses import FileResponse, HTMLResponse, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
-from pydantic import BaseModel, Field, Json
+from pydantic import BaseModel, Field, FiniteFloat, Json
 from starlette.datastructures import State
 from starlette.exceptions import HTTPException
 
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.compare.chart import COSTS, NARROW, scatter, template_environment
-from gauss2svg.errors import InputError, brief, refusal
+from gauss2svg.errors import brief, refusal
 from gauss2svg.files import as_png, reading
 from gauss2svg.measure import SCORES
 from gauss2svg.measure.heatmap import MOST, legend
@@ -34,9 +32,9 @@ from gauss2svg.photo import DEFAULT_MAX_PIXELS, SUFFIXES
 from gauss2svg.photo.load import opened
 from gauss2svg.raster.isolated import draw
 from gauss2svg.scene import Scene
-from gauss2svg.studio.jobs import LOOK_S, Job, wait_until
+from gauss2svg.studio.jobs import Job, wait_until
 from gauss2svg.studio.options import MOST_DRAWN, USES, form, lines_of, options_of
-from gauss2svg.studio.worker import MASK, stem_of
+from gauss2svg.studio.worker import MASK
 from gauss2svg.svg import Document, Markup, Plotter
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
@@ -51,26 +49,11 @@ _FILES = (
 )  # fmt: skip
 
 
-class Sample(BaseModel):
-    """A picture of the server that users can pick if they do not want to upload one.
-
-    Its width and height are in px.
-    """
-
-    name: str
-    path: Path = Field(exclude=True)
-    width: int
-    height: int
-    url: str
-    """Address of its file, relative to the page."""
-
-
 class JobState(BaseModel):
     """State of a job. `lines` has the command line and the Python call that make the same SVG."""
 
     id: str
-    state: str  # queued, running, done, stopped, failed or canceled
-    place: int = 0
+    state: str  # queued, running, done or failed
     progress: dict[str, Any] | None
     report: dict[str, Any] | None
     error: str
@@ -102,14 +85,14 @@ KnownJob = Annotated[Job, Depends(_job_named)]
 async def _finished(job: KnownJob) -> Job:
     await wait_until(lambda: job.is_over)
     if job.report is None:
-        raise HTTPException(409, job.error or f"the job was {job.state}; it has no SVG")
+        raise HTTPException(409, job.error or "the job was canceled; it has no SVG")
     return job
 
 
 FinishedJob = Annotated[Job, Depends(_finished)]
 
 
-def _sample_named(name: str, studio: Studio) -> Sample:
+def _sample_named(name: str, studio: Studio) -> Path:
     if name not in studio.samples:
         raise HTTPException(404, f"no sample {name[:100]}")
     return studio.samples[name]
@@ -139,25 +122,28 @@ async def options() -> dict[str, Any]:
     return form()
 
 
-@router.get("/api/samples", response_model=list[Sample])
-async def samples(studio: Studio) -> list[Sample]:
-    """Return the pictures that can be picked instead of an upload."""
-    return list(studio.samples.values())
+@router.get("/api/samples")
+async def samples(studio: Studio) -> list[dict[str, str]]:
+    """Return the pictures that can be picked instead of an upload, with addresses of their files.
+
+    The addresses are relative to the page.
+    """
+    return [{"name": n, "url": f"api/samples/{quote(n, safe='')}"} for n in studio.samples]
 
 
 @router.get("/api/samples/{name}", response_class=FileResponse)
-async def sample(sample: Annotated[Sample, Depends(_sample_named)]) -> FileResponse:
+async def sample(path: Annotated[Path, Depends(_sample_named)]) -> FileResponse:
     """Return the file of a sample picture."""
-    return FileResponse(sample.path)
+    return FileResponse(path)
 
 
 class PointAsked(BaseModel):
     """A point of a chart. `score` is None if the SVG equals the photo. `text` is a tooltip."""
 
-    cost: Annotated[float, Field(ge=1e-9, le=1e15)]
-    score: Annotated[float, Field(ge=-1e6, le=1e6)] | None
-    series: Annotated[int, Field(ge=0, le=1e6)]
-    text: Annotated[str, Field(max_length=1000)]
+    cost: FiniteFloat
+    score: FiniteFloat | None
+    series: int
+    text: str
 
 
 class ChartAsked(BaseModel):
@@ -165,7 +151,7 @@ class ChartAsked(BaseModel):
 
     score: Literal[tuple(_AXES)]  # pyright: ignore[reportInvalidTypeForm]
     cost: Literal[tuple(_COSTS)]  # pyright: ignore[reportInvalidTypeForm]
-    points: Annotated[list[PointAsked], Field(min_length=1, max_length=10_000)]
+    points: Annotated[list[PointAsked], Field(min_length=1)]
 
 
 @router.post("/api/chart", response_class=Response)
@@ -194,7 +180,6 @@ async def _submitted(
     ] = None,
 ) -> Job:
     """Queue the job that a form describes, and return the job."""
-    studio.jobs.make_space()
     chosen = options_of(options := options or {}, focus is not None)
     folder: Path = studio.jobs.new_folder()
     try:
@@ -204,8 +189,7 @@ async def _submitted(
             earlier = _job_named(of, studio)
             name, source = earlier.name, (earlier.folder / "photo").open("rb")
         elif sample:
-            picked = _sample_named(sample, studio)
-            name, source = picked.name, picked.path.open("rb")
+            name, source = sample, _sample_named(sample, studio).open("rb")
         else:
             needed = "a file as photo, a sample, or the job that it is of"
             raise refusal("the photo", f"given: {needed}", "none")
@@ -225,20 +209,10 @@ async def _submitted(
 SubmittedJob = Annotated[Job, Depends(_submitted)]
 
 
-def _state(job: Job, studio: State) -> JobState:
-    """Return the current state of a job.
-
-    `place` is the job's position in the queue, counted from 1, or 0 if the job does not wait.
-    """
-    state, queue = JobState.model_validate(job, from_attributes=True), studio.jobs.queue()
-    state.place = queue.index(job) + 1 if job in queue else 0
-    return state
-
-
-@router.post("/api/jobs", status_code=201)
-async def submit(job: SubmittedJob, studio: Studio) -> JobState:
-    """Queue a photo, and return the state of its job with its id and its place in the queue."""
-    return _state(job, studio)
+@router.post("/api/jobs", status_code=201, response_model=JobState)
+async def submit(job: SubmittedJob) -> Job:
+    """Queue a photo, and return the state of its job with its id."""
+    return job
 
 
 @router.post("/api/vectorize", response_class=Response)
@@ -248,7 +222,7 @@ async def vectorize(request: Request, job: SubmittedJob, studio: Studio) -> Resp
         if await request.is_disconnected():
             studio.jobs.forget(job)
             raise HTTPException(499, "the client has gone")
-        await asyncio.sleep(LOOK_S)
+        await asyncio.sleep(0.05)
     answer, report = await picture(await _finished(job)), job.report or {}
     for name in (
         "area_count", "line_count", "gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s",
@@ -259,25 +233,29 @@ async def vectorize(request: Request, job: SubmittedJob, studio: Studio) -> Resp
     return answer
 
 
-@router.get("/api/jobs/{name}")
-async def state(job: KnownJob, studio: Studio) -> JobState:
+@router.get("/api/jobs/{name}", response_model=JobState)
+async def state(job: KnownJob) -> Job:
     """Return the state of a job, with its progress, and with its report once there is an SVG."""
-    return _state(job, studio)
+    return job
 
 
 @router.get("/api/jobs/{name}/events", response_class=EventSourceResponse)
 async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent]:
     """Send the state of a job as a server-sent event whenever it changes.
 
-    A slow reader misses states, but gets the newest.
+    A slow reader misses states, but gets the newest. If the reader leaves before the job is over,
+    the job is canceled and forgotten.
     """
-    with studio.jobs.reading(job):
-        last = None
+    last = None
+    try:
         while last is None or last.state in ("queued", "running"):
-            if (now := _state(job, studio)) != last:
+            if (now := JobState.model_validate(job, from_attributes=True)) != last:
                 yield ServerSentEvent(data=now, event="state")
                 last = now
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(0.05)
+    finally:
+        if not job.is_over:
+            studio.jobs.forget(job)
 
 
 @router.get("/api/jobs/{name}/frame", response_class=Response)
@@ -286,15 +264,15 @@ async def frame(job: KnownJob) -> Response:
     path = job.folder / "frame.jpg"
     await wait_until(lambda: path.exists() or job.is_over)
     if not path.exists():
-        raise HTTPException(404, f"the job was {job.state} before its first frame")
+        raise HTTPException(404, "the job ended before its first frame")
     return Response(path.read_bytes(), media_type="image/jpeg")
 
 
-@router.post("/api/jobs/{name}/stop")
-async def stop(job: KnownJob, studio: Studio) -> JobState:
+@router.post("/api/jobs/{name}/stop", response_model=JobState)
+async def stop(job: KnownJob) -> Job:
     """End a fit, and keep the best result so far."""
-    studio.jobs.stop(job)
-    return _state(job, studio)
+    (job.folder / "stop").touch()
+    return job
 
 
 @router.delete("/api/jobs/{name}", status_code=204, response_class=Response)
@@ -326,7 +304,6 @@ async def picture(
 @router.get("/api/jobs/{name}/picture.png", response_class=Response)
 async def png(
     job: FinishedJob,
-    studio: Studio,
     width: Annotated[int | None, Query(ge=1)] = None,
     download: bool = False,
 ) -> Response:
@@ -337,15 +314,14 @@ async def png(
     if wide * high > MOST_DRAWN:
         raise refusal("the PNG", f"at most {MOST_DRAWN} px", f"{wide}x{high} px", "a lower width")
     channels = 4 if report["transparent"] else 3
-    async with studio.drawing:
-        pixels = await asyncio.to_thread(draw, svg, wide, high, "resvg", 60.0, channels)
-        data = await asyncio.to_thread(as_png, pixels)
+    pixels = await asyncio.to_thread(draw, svg, wide, high, "resvg", 60.0, channels)
+    data = await asyncio.to_thread(as_png, pixels)
     headers = _attachment(job, f"-{wide}.png") if download else {}
     return Response(data, media_type="image/png", headers=headers)
 
 
 @router.get("/api/jobs/{name}/plot.svg", response_class=Response)
-async def plot(job: FinishedJob, studio: Studio) -> Response:
+async def plot(job: FinishedJob) -> Response:
     """Return the strokes of a pen plotter as a file, as the option --plot writes them."""
     path, report = await _written(job, "scene.npz"), job.report or {}
 
@@ -356,8 +332,7 @@ async def plot(job: FinishedJob, studio: Studio) -> Response:
         inks = [report[key] for key in ("inks", "paper", "overprint")]
         return plotted(Scene.load(path), Plotter(), document, *inks).svg
 
-    async with studio.drawing:
-        svg = await asyncio.to_thread(drawn)
+    svg = await asyncio.to_thread(drawn)
     return Response(svg, media_type="image/svg+xml", headers=_attachment(job, "-plot.svg"))
 
 
@@ -399,11 +374,14 @@ async def archive(
     """Return a ZIP with the SVGs of several jobs. Their ids are separated by commas."""
     stream, taken = io.BytesIO(), set[str]()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
-        for name in dict.fromkeys(ids.split(",")):
+        for number, name in enumerate(dict.fromkeys(ids.split(",")), start=1):
             job = await _finished(_job_named(name, studio))
-            suffix = ".svgz" if gzip or _is_zipped(job) else ".svg"
-            data = await asyncio.to_thread(file_bytes, await _svg(job, markup), suffix == ".svgz")
-            await asyncio.to_thread(zipped.writestr, _new_name(job, suffix, taken), data)
+            is_gzipped, stem = gzip or _is_zipped(job), PurePath(job.name).stem
+            if stem.casefold() in taken:
+                stem += f"-{number}"
+            taken.add(stem.casefold())
+            data = await asyncio.to_thread(file_bytes, await _svg(job, markup), is_gzipped)
+            zipped.writestr(f"{stem}.svgz" if is_gzipped else f"{stem}.svg", data)
     headers = {"Content-Disposition": 'attachment; filename="gauss2svg.zip"'}
     return Response(stream.getvalue(), media_type="application/zip", headers=headers)
 
@@ -431,29 +409,16 @@ def _is_zipped(job: Job) -> bool:
     return bool(job.report and job.report["gzip"])
 
 
-def _new_name(job: Job, suffix: str, taken: set[str]) -> str:
-    """Return a new file name for a job, and add it to `taken`.
-
-    The name differs from all names in `taken`, even if upper and lower case count as the same.
-    """
-    stem = stem_of(job.name)
-    names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
-    name = next(name for name in names if f"{name}{suffix}".casefold() not in taken)
-    taken.add(f"{name}{suffix}".casefold())
-    return f"{name}{suffix}"
-
-
 def _attachment(job: Job, suffix: str) -> dict[str, str]:
-    name = quote(f"{stem_of(job.name)}{suffix}", safe="")
+    name = quote(f"{PurePath(job.name).stem}{suffix}", safe="")
     return {"Content-Disposition": f"attachment; filename*=UTF-8''{name}"}
 
 
 def display_name(path: str | None) -> str:
     """Return the last part of a path, made safe to show on a page and to name a download."""
     last = re.split(r"[/\\]", path or "")[-1]
-    safe = "".join(c for c in last if unicodedata.category(c)[0] != "C" and c not in '<>:"|?*')
-    stem, dot, suffix = safe.strip(". ").rpartition(".")
-    return f"{stem[:100]}{dot}{suffix[:8]}" if stem else suffix[:100] or "photo"
+    safe = "".join(c for c in last if c.isprintable() and c not in '<>:"|?*').strip(". ")
+    return safe[-100:] or "photo"
 
 
 def size_of(path: Path, name: str) -> tuple[int, int]:
@@ -466,8 +431,8 @@ def size_of(path: Path, name: str) -> tuple[int, int]:
         return opened(file.read(), name, DEFAULT_MAX_PIXELS).upright_size
 
 
-def samples_in(folder: Path | None) -> Sequence[Sample]:
-    """Return the photos of a folder, or pictures of scikit-image if the folder is None.
+def samples_in(folder: Path | None) -> dict[str, Path]:
+    """Return the photos of a folder by their names, or pictures of scikit-image if it is None.
 
     Raise InputError if the folder has no photos.
     """
@@ -475,21 +440,11 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
         from skimage import data
 
         names = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
-        parent = Path(data.__file__).parent
-        paths = [parent / name for name in names if (parent / name).is_file()]
+        paths = [Path(data.__file__).with_name(name) for name in names]
     else:
-        paths = [p for p in sorted(folder.glob("*")) if is_picture(p.name)]
-    samples = []
-    for path in paths[:100]:
-        try:
-            width, height = size_of(path, path.name)
-        except InputError:  # a file that cannot be read is not offered on the page
-            continue
-        # A page must be valid Unicode, so bytes of the name that are not valid are escaped.
-        name = os.fsencode(path.name).decode(errors="backslashreplace")
-        url = f"api/samples/{quote(name, safe='')}"
-        samples.append(Sample(name=name, path=path, width=width, height=height, url=url))
-    if folder is not None and not samples:
+        paths = [path for path in sorted(folder.glob("*")) if is_picture(path.name)][:100]
+    if not paths:
         advice = "another folder, or none for pictures of scikit-image"
         raise refusal("FOLDER", "a folder with photos", brief(str(folder)), advice)
-    return samples
+    # A page must be valid Unicode, so bytes of a name that are not valid are escaped.
+    return {os.fsencode(p.name).decode(errors="backslashreplace"): p for p in paths}

@@ -1,20 +1,18 @@
 """The ASGI application of the studio, the server that the command runs, and what guards both.
 
-`RequestLimits` limits requests to the studio, and adds security headers to responses. `Guard` asks
-for a token. Only the command `gauss2svg studio` uses `Guard`, because an application that mounts
-the studio decides itself who may use it.
+`OwnSite` refuses requests of pages of other sites, and adds security headers to responses. `Guard`
+asks for a token. Only the command `gauss2svg studio` uses `Guard`, because an application that
+mounts the studio decides itself who may use it.
 """
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import mimetypes
 import re
 import secrets
 import signal
 import socket
-import time
 import webbrowser
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -34,28 +32,10 @@ from uvicorn.server import HANDLED_SIGNALS
 
 from gauss2svg.compare.records import machine
 from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, refusal
-from gauss2svg.options import Field
 from gauss2svg.studio.jobs import Jobs
 from gauss2svg.studio.routes import router, samples_in
 from gauss2svg.version import __version__
 
-MOST_UPLOADED = 256 * 10**6  # largest number of bytes of an uploaded form, including its files
-PAUSE_S: float | None = 20.0  # longest pause (s) between two parts of a request's body
-PAGE_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
-    "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
-)
-# Policy for an SVG that is opened as a page. The SVG may be drawn, but it may not run scripts or
-# load files.
-PICTURE_POLICY = (
-    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; sandbox"
-)
-_HEADERS = {
-    "x-content-type-options": "nosniff",
-    "referrer-policy": "no-referrer",
-    "cross-origin-resource-policy": "same-origin",
-    "cache-control": "no-store",
-}
 _LOCAL_NAMES = {"127.0.0.1", "localhost", "::1", "[::1]"}
 
 
@@ -65,7 +45,7 @@ def create_app(
     folder: Path | None = None,
     *,
     is_local: bool = False,
-) -> RequestLimits:
+) -> OwnSite:
     """Return the ASGI application.
 
     jobs      number of fits that run at the same time. If it is None, it depends on the number of
@@ -74,7 +54,7 @@ def create_app(
     folder    folder whose photos can be picked on the page. If it is None, pictures of scikit-image
               can be picked.
     is_local  True if only this machine can reach the application. The page then says so.
-    Raise InputError if there are more jobs or threads than cores, or if the folder has no photos.
+    Raise InputError if the folder has no photos.
     """
     queue = Jobs(*workers_and_threads(jobs, threads))
 
@@ -98,25 +78,20 @@ def create_app(
         redoc_url=None,
     )
     app.state.jobs = queue
-    app.state.samples = {sample.name: sample for sample in samples_in(folder)}
+    app.state.samples = samples_in(folder)
     app.state.is_local = is_local
-    # Only one PNG is drawn at a time, because drawing is as costly as a fit.
-    app.state.drawing = asyncio.Semaphore(1)
     app.include_router(router)
     mimetypes.add_type("text/javascript", ".js")  # the registry of Windows may lack this type
     packages = ["gauss2svg.studio", "gauss2svg.compare"]
     app.mount("/static", StaticFiles(packages=[(package, "static") for package in packages]))
-    return RequestLimits(app)
+    return OwnSite(app)
 
 
 async def _error_response(_: Request, error: Exception) -> JSONResponse:
     """Return the response to a request that raised an error."""
-    if isinstance(error, HTTPException) and isinstance(error.__cause__, OSError):
-        error = error.__cause__  # the cause says why the form could not be stored on the disk
-    headers = None
     match error:
         case HTTPException():
-            status, line, headers = error.status_code, error.detail, error.headers
+            status, line = error.status_code, error.detail
         case Gauss2SvgError():
             status, line = 422, str(error)
         case RequestValidationError():
@@ -124,27 +99,18 @@ async def _error_response(_: Request, error: Exception) -> JSONResponse:
             field = ".".join(name for name in first["loc"][1:] if isinstance(name, str))
             got = quoted(first["input"])
             status, line = 422, f"{field or 'the body'} must be valid; got {got} ({first['msg']})"
-        case OSError():  # str(error) is not used, because it has the path of a file on the server
-            status, line = 507, f"a file cannot be kept: {error.strerror}"
         case _:
             status, line = 500, f"{type(error).__name__}: {error}"
-    return JSONResponse({"error": on_one_line(line)}, status, headers)
+    return JSONResponse({"error": on_one_line(line)}, status)
 
 
 def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
-    """Return the number of simultaneous fits, and the number of threads of each.
-
-    Raise InputError if one of them is larger than the number of cores.
-    """
+    """Return the number of simultaneous fits, and the number of threads of each."""
     cores = machine()["cores"]
-    if threads is not None:
-        Field("threads", int, 1, cores).checked(threads)
-    if jobs is None:
-        # A fit on four threads takes 45 % of the time that it takes on one thread. Eight threads
-        # help little more: the fit then takes 36 %. So by default there is one fit for every four
-        # cores (docs/decisions/studio.md).
-        jobs = max(1, cores // (threads or 4))
-    Field("jobs", int, 1, cores).checked(jobs)
+    # A fit on four threads takes 45 % of the time that it takes on one thread. Eight threads help
+    # little more: the fit then takes 36 %. So by default there is one fit for every four cores
+    # (docs/decisions/studio.md).
+    jobs = jobs or max(1, cores // (threads or 4))
     return jobs, threads or max(1, cores // jobs)
 
 
@@ -169,8 +135,6 @@ def serve(
         port = listening.getsockname()[1]
         shown = {"0.0.0.0": "127.0.0.1", "::": "[::1]", "::1": "[::1]"}.get(host, host)
         address = f"http://{shown}:{port}/?token="
-        names = _LOCAL_NAMES | (set() if local else {host.lower(), socket.gethostname().lower()})
-        guard = Guard(app, token, port, names, local)
         if not local:
             say(
                 f"warning: anyone who reaches {host} and knows the token may use this machine, "
@@ -180,20 +144,14 @@ def serve(
         if browser:
             # If the browser runs in the terminal, webbrowser.open() returns only when the user
             # closes the browser. So it is called in a thread, and the server starts meanwhile.
-            ticket_address = f"{address}{guard.ticket}"
-            Thread(target=webbrowser.open, args=(ticket_address,), daemon=True).start()
+            Thread(target=webbrowser.open, args=(f"{address}{token}",), daemon=True).start()
         # Uvicorn handles signals itself while it runs. After a signal it shuts down, restores the
         # handlers that were set before, and raises the same signal once more. So "ignore" is set as
         # the handler here. Otherwise the second signal would end the program with an error.
         for number in HANDLED_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         config = uvicorn.Config(
-            guard,
-            log_level="critical",
-            access_log=False,
-            server_header=False,
-            limit_concurrency=512,
-            timeout_graceful_shutdown=1,
+            Guard(app, token, port, local), log_level="critical", timeout_graceful_shutdown=1
         )
         uvicorn.Server(config).run(sockets=[listening])
 
@@ -213,70 +171,49 @@ def _listening(host: str, port: int) -> socket.socket:
 
 
 def _refused(status: int, line: str) -> JSONResponse:
-    """Return the response that refuses a request.
-
-    It closes the connection, because the rest of the request's body is not read.
-    """
-    headers = {"Connection": "close", "Cache-Control": "no-store"}
-    return JSONResponse({"error": line}, status, headers)
+    return JSONResponse({"error": line}, status, {"Cache-Control": "no-store"})
 
 
-class RequestLimits:
-    """Middleware that limits requests.
-
-    It refuses a request if its body is too large or takes too long to arrive, or if it comes from a
-    page of another site.
-    """
+class OwnSite:
+    """Middleware that refuses a request of a page of another site, and adds security headers."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve a request, or refuse it if it exceeds the limits or comes from another site."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
-        headers, read, pause_s = Headers(scope=scope), 0, PAUSE_S
-        is_form = headers.get("content-type", "").startswith("multipart/form-data")
-        most = MOST_UPLOADED if is_form else 4_000_000
-        ends = time.monotonic() + 300  # the whole body has to arrive by then
-        too_large = f"a body must be at most {most / 1e6:g} MB; got more. Try a smaller file"
-
-        async def bounded() -> Message:
-            nonlocal read, pause_s
-            try:
-                async with asyncio.timeout(pause_s and min(pause_s, ends - time.monotonic())):
-                    message = await receive()
-            except TimeoutError:
-                line = "a body must come without long pauses; got one. Try a faster connection"
-                raise HTTPException(408, line, {"Connection": "close"}) from None
-            read += len(message.get("body", b""))
-            if not message.get("more_body", False):
-                # The body is complete. The next message can only be that the client has
-                # disconnected. It may come at any time, so the pause before it is not limited.
-                pause_s = None
-            if read > most:
-                raise HTTPException(413, too_large, {"Connection": "close"})
-            return message
+        """Serve a request, or refuse it."""
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 response = MutableHeaders(scope=message)
                 is_picture = response.get("content-type", "").startswith("image/svg+xml")
-                policy = PICTURE_POLICY if is_picture else PAGE_POLICY
-                for name, value in {**_HEADERS, "content-security-policy": policy}.items():
+                # An SVG that is opened as a page may be drawn, but may not run scripts or load
+                # files.
+                policy = (
+                    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+                    "frame-ancestors 'none'; sandbox"
+                    if is_picture
+                    else "default-src 'none'; script-src 'self'; style-src 'self'; "
+                    "img-src 'self' blob: data:; connect-src 'self'; frame-ancestors 'none'; "
+                    "base-uri 'none'; form-action 'none'"
+                )
+                for name, value in {
+                    "content-security-policy": policy,
+                    "x-content-type-options": "nosniff",
+                    "referrer-policy": "no-referrer",
+                    "cross-origin-resource-policy": "same-origin",
+                    "cache-control": "no-store",
+                }.items():
                     response.setdefault(name, value)
             await send(message)
 
-        answer, length = self.app, headers.get("content-length", "")
+        headers = Headers(scope=scope) if scope["type"] == "http" else Headers()
         # A browser sends this header, which names the site of the page, with all requests except
         # plain GETs.
-        origin = headers.get("origin")
+        origin, answer = headers.get("origin"), self.app
         if origin is not None and origin.rpartition("/")[2] != headers.get("host"):
             answer = _refused(403, "a page of another site may not use the studio")
-        elif length.isdecimal() and int(length) > most:
-            answer = _refused(413, too_large)
-        await answer(scope, bounded, with_headers)
+        await answer(scope, receive, with_headers)
 
 
 class Guard:
@@ -284,56 +221,41 @@ class Guard:
 
     A request names its server in the header "host".
 
-    names  host names by which clients may address the server, in lower case and without ports
-    local  True if only this machine can reach the server. If it is False, clients may also address
-           the server by any IP address.
+    local  whether only this machine can reach the server. If so, clients must address the server by
+           a name of this machine.
     """
 
-    def __init__(self, app: ASGIApp, token: str, port: int, names: set[str], local: bool) -> None:
-        self._app, self._token, self._names, self._local = app, token, names, local
+    def __init__(self, app: ASGIApp, token: str, port: int, local: bool) -> None:
+        self._app, self._token, self._local = app, token, local
         # A browser sends a cookie to all ports of a host. So the port is part of the cookie's name,
         # and two studios on one host do not overwrite each other's cookies.
         self._cookie = f"gauss2svg-{port}"
-        # A ticket can open the page only once. The browser is started with the ticket and not with
-        # the token, because other users may be able to read the browser's command line.
-        self.ticket = secrets.token_urlsafe(24)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request, or refuse it."""
-        if scope["type"] == "http":
-            answer = self._answer(HTTPConnection(scope))
-            await answer(scope, receive, send)
-        elif scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
+        answer = self._answer(HTTPConnection(scope)) if scope["type"] == "http" else self._app
+        await answer(scope, receive, send)
 
     def _answer(self, request: HTTPConnection) -> ASGIApp:
         """Return the application that answers a request: the studio, a redirection or a refusal."""
         host = request.headers.get("host", "")
-        name = re.sub(r":\d+$", "", host.lower())
         # By DNS rebinding, a hostile site can let its own name lead to this server, and then send
         # requests from the user's browser. The header "host" of such a request has the name of the
-        # site. So a request is refused if the header has another name than those of this server. An
-        # IP address in the header is no sign of this attack, because it is not a site's name.
-        is_ip_address = re.fullmatch(r"[\d.]+|\[[\da-f:]+\]", name)
-        if name not in self._names and (self._local or not is_ip_address):
+        # site.
+        if self._local and re.sub(r":\d+$", "", host.lower()) not in _LOCAL_NAMES:
             return _refused(421, f"the address must be the printed one; got {quoted(host)}")
-        token = request.query_params.get("token", "")
         is_page = (request.scope["method"], request.scope["path"]) == ("GET", "/")
-        if is_page and (_equal(token, self._token) or _equal(token, self.ticket)):
-            if _equal(token, self.ticket):
-                self.ticket = secrets.token_urlsafe(24)
+        if is_page and self._has_token(request.query_params.get("token", "")):
             # The redirection removes the token from the address. With samesite="lax", a link on
             # another site may open the page, but requests that such a site makes by itself do not
             # have the cookie.
             redirection = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
             redirection.set_cookie(self._cookie, self._token, httponly=True, samesite="lax")
             return redirection
-        scheme, _, bearer = request.headers.get("authorization", "").partition(" ")
-        token = bearer if scheme.lower() == "bearer" else request.cookies.get(self._cookie, "")
-        if not _equal(token, self._token):
+        bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
+        if not self._has_token(bearer or request.cookies.get(self._cookie, "")):
             return _refused(401, "the token must be that of the printed address; got another")
         return self._app
 
-
-def _equal(token: str, secret: str) -> bool:
-    return secrets.compare_digest(token.encode(), secret.encode())
+    def _has_token(self, given: str) -> bool:
+        return secrets.compare_digest(given.encode(), self._token.encode())

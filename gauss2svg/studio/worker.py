@@ -4,8 +4,7 @@
     picture.svg, report.json     when the fit is done
     photo.png, outline.svg, ..   after that, for the page and to be saved
 
-To end the fit with its best picture, the server writes a file named stop. To end the fit without a
-picture, it writes a file named cancel.
+To end the fit with its best picture, the server writes a file named stop.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import os
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from itertools import chain
 from pathlib import Path, PurePath
 from typing import Any
 from urllib.parse import quote
@@ -38,10 +36,6 @@ from gauss2svg.svg.write import write_svg
 MASK = "focus.png"  # name of the mask's file in the folder of a job
 
 
-class _CanceledError(Exception):
-    """The exception that ends the fit of a canceled job."""
-
-
 def load() -> None:
     """Do nothing. The process that is asked to has then loaded this module, and so can fit."""
 
@@ -61,13 +55,9 @@ def fit(request: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _fit(request: Mapping[str, Any]) -> dict[str, str]:
-    folder: Path = request["folder"]
-    options = Options.from_flat(request["options"])
-    with suppress(_CanceledError):
-        result = _result(request, options)
-        for name, data in chain(_files(result, options), _saved_only(result, request["name"])):
-            _end_if_canceled(folder)
-            _write(folder / name, data)
+    result = _result(request)
+    for name, data in _files(result, request):
+        _write(request["folder"] / name, data)
     return {}
 
 
@@ -77,18 +67,12 @@ def _write(path: Path, data: bytes) -> None:
     replace(part, path)
 
 
-def _end_if_canceled(folder: Path) -> None:
-    if (folder / "cancel").exists():
-        raise _CanceledError
-
-
-def _result(request: Mapping[str, Any], options: Options) -> Result:
+def _result(request: Mapping[str, Any]) -> Result:
     folder: Path = request["folder"]
     maker, frames = FrameMaker(), 0
 
     def progress(now: Progress) -> None:
         nonlocal frames
-        _end_if_canceled(folder)
         figures: dict[str, Any] = {"phase": now.phase}
         if now.fit is not None:
             frame = maker.frame(now.fit.scene)
@@ -108,6 +92,7 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
         _write(folder / "progress.json", as_json(json_safe({**figures, "frame": frames})))
 
     share = memory_limit(None) // request["workers"]
+    options = Options.from_flat(request["options"])
     return vectorize_by(
         options.changed(max_memory=share, threads=request["threads"]),
         folder / "photo",
@@ -119,55 +104,39 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
     )
 
 
-def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
+def _files(result: Result, request: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
     """Yield (name, bytes) of the files of a finished fit.
 
     As soon as report.json is written, the job counts as done. So the SVG comes before it, and the
-    files that only the page shows come after it.
+    files that users only look at or save come after it.
     """
-    yield "picture.svg", result.svg.encode()
-    yield "report.json", as_json(result.report)
+    svg, report = result.svg, result.report
+    yield "picture.svg", svg.encode()
+    yield "report.json", as_json(report)
     yield "photo.png", as_png(result.photo)
     errors = error_map(over(result.raster), over(result.photo))
     yield "errors.png", saved(lambda stream: errors.save(stream, "PNG"))
     # For an additive picture, which has no outlines, this raises an error, and no file is written.
     with suppress(Gauss2SvgError):
         yield "outlines.svg", outlines_with_nodes(result)
-    other = MINIMAL if result.report["markup"] == EDITABLE else EDITABLE
+        yield "outline.svg", result.outline().encode()
+    other = MINIMAL if report["markup"] == EDITABLE else EDITABLE
     # The page also offers the SVG in the markup that was not asked for. Some options do not allow
     # that markup. The block then raises an error, and no file is written.
     with suppress(Gauss2SvgError):
         changed = {"precision": result.report["precision"]} if result.scene.areas else {}
-        options = options.changed(markup=other, focus_strength=None, **changed)
-        form = Plan(options).format
+        options = Options.from_flat(request["options"])
+        form = Plan(options.changed(markup=other, focus_strength=None, **changed)).format
         yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
     yield "scene.npz", saved(result.scene.save)
-
-
-def _saved_only(result: Result, name: str) -> Iterator[tuple[str, bytes]]:
-    """Yield (name, bytes) of the files that users can save, but that the page does not show.
-
-    They are those of the options --outline and --separations, and of placeholders in HTML.
-
-    name  file name of the photo
-    """
-    # An additive picture has no outlines. Then there is no file.
-    with suppress(Gauss2SvgError):
-        yield "outline.svg", result.outline().encode()
-    if inks := result.report["inks"]:
-        plates, stream = result.plates(), io.BytesIO()
+    if inks := report["inks"]:
+        plates, stream, stem = result.plates(), io.BytesIO(), PurePath(request["name"]).stem
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
             for number, ink in enumerate(inks.split(","), start=1):
                 if ink in plates:
-                    zipped.writestr(f"{stem_of(name)}-plate-{number}.svg", plates[ink])
+                    zipped.writestr(f"{stem}-plate-{number}.svg", plates[ink])
         yield "plates.zip", stream.getvalue()
-    svg, report = result.svg, result.report
     if report["markup"] == MINIMAL and report["svg_bytes"] <= MINIMAL_UP_TO:
         size = report["width"], report["height"]
         one = Placeholder.of(svg, result.scene, size, result.photo)
-        yield "placeholder.html", f"{one.snippet(quote(name))}\n".encode()
-
-
-def stem_of(name: str) -> str:
-    """Return a display name without its suffix, made a valid file name on any system."""
-    return PurePath(name).stem.encode()[:200].decode(errors="ignore")
+        yield "placeholder.html", f"{one.snippet(quote(request['name']))}\n".encode()

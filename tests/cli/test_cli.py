@@ -16,8 +16,8 @@ from PIL import Image
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.cli.summary import check_table, print_summary
-from gauss2svg.cli.terminal import counting_bar
 from gauss2svg.pipeline.options import OPTIONS
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.scene import Scene
 
 QUICK = ["--gaussians", "20", "--iterations", "5"]
@@ -26,6 +26,11 @@ QUICK = ["--gaussians", "20", "--iterations", "5"]
 @pytest.fixture
 def picture(photo, tmp_path):
     return save(photo[:48, :64], tmp_path / "a photo's «name».png")
+
+
+@pytest.fixture(scope="module")
+def small(photo):
+    return vectorize(photo[:24, :32], gaussians=20, iterations=2)
 
 
 def run(*arguments, **options):
@@ -72,39 +77,39 @@ def test_a_command_writes_its_files_and_says_what_it_did(command, picture, tmp_p
 
 def test_a_log_has_a_line_of_progress_a_minute(capsys, monkeypatch):
     now = 0.0
-    monkeypatch.setattr("gauss2svg.cli.terminal.time.monotonic", lambda: now)
-    with counting_bar(quiet=False) as update:
+    monkeypatch.setattr("gauss2svg.pipeline.progress_display.time.monotonic", lambda: now)
+    with counting() as update:
         for now in (0.0, 59.0, 60.0, 119.0, 7000.0):
             update("3 failed", int(now), 10_000)
     lines = [f"gauss2svg: {done} of 10,000: 3 failed" for done in ("60", "7,000")]
     assert capsys.readouterr().err.splitlines() == lines
 
 
-HEAVY, FULL = {"paint_ms": 3000.0}, {"stop_reason": "max_bytes", "max_bytes": 9000}
-OFF = {"hue_error_svg": 12.6, "hue_error_at": [372, 311], "ssim_svg": 0.9}
-
-
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({**HEAVY, "markup": "minimal"}, "to paint it, 64 px wide; less with --markup editable"),
-        ({**HEAVY, "markup": "editable"}, "less with fewer shapes"),
-        ({**FULL, "count_gzipped": True}, "9,000 gzipped bytes; one more would not fit"),
-        ({"size": "responsive"}, "64x48 px, shown as wide as its place, "),
-        (OFF, "SSIM 0.900, hue off by 13 units of CIELAB at x = 372, y = 311 px\n"),
+        (
+            {"paint_ms": 3000.0, "markup": "minimal"},
+            "3.0 s to paint it; less with --markup editable",
+        ),
+        ({"stop_reason": "max_bytes"}, "20 shapes: the closest file within the size limit"),
         ({"psnr_svg": None}, "PSNR equal, SSIM"),
-        ({**OFF, "hue_error_svg": 9.9}, "SSIM 0.900\n"),
-        ({**OFF, "inks": "#000,#fff"}, "SSIM 0.900\n"),
+        ({"inks": "#000,#fff", "paper": "#eee"}, "#000,#fff on paper of #eee"),
+        ({"focus_strength": 4.0}, "focus  PSNR 20.00 dB inside of the mask, 25.00 dB outside"),
+        ({"transparent": True}, "dB over white, 20.00 dB over black, 25.00 dB of alpha"),
     ],
 )
-def test_the_summary_says_what_the_report_has(changed, said, photo, capsys, monkeypatch):
+def test_the_summary_says_what_the_report_has(changed, said, small, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
-    print_summary(vectorize(photo[:48, :64], gaussians=9, iterations=2).report | changed, "o.svg")
-    assert said in capsys.readouterr().err
+    parts = {"inside": 20.0, "outside": 25.0, "black": 20.0, "alpha": 25.0}
+    report = small.report | {f"psnr_svg_{part}": psnr for part, psnr in parts.items()}
+    print_summary(report | changed, "o.svg")
+    assert said in re.sub(" {3,}", "  ", capsys.readouterr().err)
 
 
 def test_missed_target_is_one_line_and_status_zero(picture, tmp_path, capfd):
-    asked = ["--target-psnr", "60", "--max-bytes", "2k", "--iterations", "8", "--quiet"]
+    asked = ["--target-psnr", "60", "--max-bytes", "2k", "--iterations", "4", "--quiet"]
+    asked += ["--areas", "never"]
     assert main([str(picture), "-o", str(tmp_path / "o.svg"), *asked]) == 0
     out, err = capfd.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -127,64 +132,49 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
 
 MISTAKES = [
     ("PHOTO -o FOLDER/x/", "ends in .svg or .svgz, or a folder that exists; got"),
-    ("PHOTO -o --quiet", "-o must be given with a value; got none. Try"),
-    ("PHOTO --paper", "--paper must be given with a value; got none. Try --paper white"),
-    ("PHOTO -o OUT -- -b.svg", "the photo must be one file; got"),
+    ("PHOTO -o --quiet", "-o/--output: expected one argument. Try gauss2svg --help-all"),
     ("PHOTO -o FOLDER/o.png", "--output must be a name that ends in .svg or .svgz"),
     ("PHOTO -o OUT --report FOLDER/a.png", "a name that ends in .json"),
-    ("PHOTO -o OUT --quiet=yes", "--quiet must be given without a value; got 'yes'"),
+    ("PHOTO -o OUT --quiet=yes", "--quiet: ignored explicit argument 'yes'"),
     ("PHOTO -o OUT --time-limit nan", "--time-limit must be a number above 0 and at most 1e+09"),
     ("PHOTO -o OUT --focus no.png", "focus must be a picture, but cannot read no.png"),
     ("PHOTO -o OUT --focus-strength 3", "--focus-strength must be given with a mask; got 3"),
     ("PHOTO -o OUT --focus FOLDER/m.png --preview FOLDER/m.png", "m.png, which is also the mask"),
     ("-o OUT", "the photo must be one file; got none. Try gauss2svg --help"),
     ("-", "--output must be given if the photo is standard input"),
-    ("check a.svg b.svg PHOTO", "the photo must be before the SVG; got a.svg. Try"),
-    ("check PHOTO PHOTO", "every file after the photo must be an SVG; got"),
+    ("check a.svg b.svg PHOTO", "files must be one photo and then SVGs; got a.svg"),
     ("check FOLDER", "SVGs must be in a folder and have the names of the photos; got none"),
     ("check PHOTO a.svg b.svg --heatmap h.png", "--heatmap must be a folder, for several SVGs"),
-    ("check FOLDER nofolder", "got nofolder, which does not exist"),
     ("PHOTO -o - --report -", "--report must be a file if -o is standard output; got -"),
-    ("check PHOTO a.svg --report OUT", "--report must be a name that ends in .json"),
-    ("studio a b", "b must be left out; got a file too many. Try gauss2svg studio"),
     ("PHOTO -o PHOTO", "which is also the photo"),
     ("PHOTO out.svg", "-o out.svg"),
-    ("PHOTO -o OUT --outline FOLDER/lines", "--outline must be a name that ends in .svg or .svgz"),
-    ("PHOTO -o OUT --colors 4", "got an unknown one. Try --inks 4"),
-    ("check PHOTO a.svg --width 4", "Try --help, or ./--width for a file of that name"),
-    ("PHOTO -o OUT --max_bytes none", "--max-bytes must be a size of at least 1 byte"),
-    ("PHOTO -o OUT --quality 80", "got '80'. Try high, or --target-psnr 35"),
+    ("PHOTO -o OUT --trap 0.2", "--trap must be given with --cut"),
+    ("PHOTO -o OUT --hatch 2", "options of plotters must be given with --plot"),
     ("PHOTO -o OUT --quality hgih", "got 'hgih'. Try high"),
     ("PHOTO -o OUT --matte redd", "#fa0 or #ffaa00; got 'redd'. Try red"),
     ("PHOTO -o OUT --inks red,bleu", "got 'red,bleu'. Try blue"),
     ("PHOTO -o OUT --size A4", "one of px, mm, cm, in, pt, pc: such as 120mm; got 'A4'"),
     ("PHOTO --plot p.svg --sheet 300X200", "such as 300x200mm; got '300X200'"),
     ("bacth PHOTO", "bacth must be a photo or a command; got neither. Try gauss2svg batch"),
-    ("convert PHOTO", "neither. Try gauss2svg PHOTO -o OUT.svg, or gauss2svg --help"),
     ("batch PHOTO -o OUT", "--output must be the name of a folder; got"),
     ("placeholder PHOTO PHOTO no.png -o OUT", "--output must be a folder for several SVGs"),
     ("placeholder PHOTO --format html -o OUT", "a name for the format html; got"),
-    ("placeholder PHOTO --format json -o FOLDER", "a name for the format json; got"),
     ("check a.svg", "SVG must be given; got none. Try gauss2svg check"),
     ("batch PHOTO", "--output must be given; got none. Try gauss2svg batch"),
     ("PHOTO --treads 2", "must be an option; got an unknown one. Try --threads"),
-    ("PHOTO -q", "-q must be an option; got an unknown one. Try --help, or ./-q for a"),
-    ("placeholder PHOTO -o PHOTO", "--output must be a name for the format svg; got"),
+    ("PHOTO -q", "-q must be an option; got an unknown one. Try gauss2svg --help-all"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
     ("bench PHOTO -o FOLDER/x --axis schedule", "axes: schedule must be given with a number"),
     ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "LABEL=FOLDER; got 'jpeg:31'"),
     ("bench PHOTO -o FOLDER/x --peers draft=.", "no preset and no other peer has; got 'draft'"),
-    ("bench PHOTO -o FOLDER/x --peers mine=none", "a folder of SVGs or pictures, or a CSV"),
     ("bench -o FOLDER/x --from FOLDER", "--from must be the output folder of gauss2svg batch; got"),
     ("gallery -o FOLDER/x", "PHOTOS must be given; got none. Try gauss2svg gallery --help"),
-    ("gallery PHOTO -o FOLDER/x --peers mine=PHOTO", "peer mine must be a folder; got"),
     ("gallery PHOTO -o PHOTO/x", "output must be outside of the inputs"),
     ("gallery PHOTO -o FOLDER/x --variants quick", "variant must be one of draft, "),
-    ("gallery PHOTO -o FOLDER/x --peers vtracer:fine", "peer must be one of vtracer, "),
     ("gallery PHOTO -o FOLDER/x --counts 2.5", "each of --counts must be a whole number"),
+    ("studio a b", "b must be left out; got a file too many. Try gauss2svg studio"),
     ("studio --no-browser --port 70000", "port"),
     ("studio --no-browser none", "FOLDER"),
-    ("studio --no-browser --host 300.1.1.1", "host and port"),
 ]  # fmt: skip
 
 
@@ -210,7 +200,7 @@ def test_without_a_name_the_svg_goes_beside_the_photo(picture, refusal):
     assert beside.read_bytes() == ours
 
 
-@pytest.mark.parametrize("option", ["--max-bytes 1k", "--alt seen", "--gzip --alt seen"])
+@pytest.mark.parametrize("option", ["--markup minimal", "--gzip --alt seen"])
 def test_the_same_command_replaces_its_own_file(option, picture):
     for seed in "12":
         assert main([str(picture), *QUICK, "--quiet", "--seed", seed, *option.split()]) == 0
@@ -223,7 +213,7 @@ def test_a_folder_takes_files_with_names(picture, tmp_path, refusal):
         "-o", "--outline", "--preview", "--report", "--save-scene", "--separations", "--plot",
     ]  # fmt: skip
     given = [word for option in options for word in (option, str(folder))]
-    command = [picture, *given, *QUICK, "--inks", "black,white", "--quiet"]
+    command = [picture, *given, *QUICK, "--inks", "black,white", "--quiet", "--pen-width", 3]
     assert main([str(word) for word in command]) == 0
     kinds = [".svg", "-outline.svg", "-plot.svg", "-preview.png", "-report.json", "-scene.npz"]
     kinds += ["-separations-1.svg", "-separations-2.svg"]
@@ -234,10 +224,9 @@ def test_a_folder_takes_files_with_names(picture, tmp_path, refusal):
 
 
 def test_a_command_is_helped_and_named_as_in_other_programs(capsys):
-    for words, option in ((["help", "check"], ["check", "--help"]), (["version"], ["--version"])):
-        assert main(words) == main(option) == 0
-        out = capsys.readouterr().out
-        assert out[: len(out) // 2] == out[len(out) // 2 :]
+    assert main(["help", "check"]) == main(["check", "--help"]) == 0
+    out = capsys.readouterr().out
+    assert out[: len(out) // 2] == out[len(out) // 2 :]
 
 
 def test_check_prints_a_table_of_several_svgs(picture, tmp_path, capfd, drawn_here):
@@ -256,7 +245,7 @@ def test_check_prints_a_table_of_several_svgs(picture, tmp_path, capfd, drawn_he
     assert (tmp_path / "few-heatmap.png").exists()
     between = ["--min-psnr", str(np.mean(psnrs))]
     assert main(["check", str(picture), few, more, *between]) == 1
-    assert capfd.readouterr().err.count("PSNR of") == 1
+    assert capfd.readouterr().err.count("PSNR is") == 1
     assert main(["check", str(picture), str(tmp_path / "bad.svg"), more, *between]) == 2
     assert "failed: " in capfd.readouterr().err
     picture.with_suffix(".svg").write_bytes((tmp_path / "few.svg").read_bytes())
@@ -268,17 +257,6 @@ def test_check_prints_a_table_of_several_svgs(picture, tmp_path, capfd, drawn_he
     alone = [os.path.basename(name) for name in line.rpartition(": ")[2].split(", ")]
     heatmaps = ["few-heatmap.png", "more-heatmap.png"]
     assert alone == [*heatmaps, "bad.svg", "few.svg", "more.svg"]
-    heat = tmp_path / "heat"
-    for name in ("a/c", "b/c"):
-        (tmp_path / "two" / name).parent.mkdir(parents=True)
-        (tmp_path / "two" / f"{name}.png").write_bytes(picture.read_bytes())
-        (tmp_path / "two" / f"{name}.svg").write_bytes((tmp_path / "few.svg").read_bytes())
-    assert main(["check", f"{tmp_path}/two", "--heatmap", str(heat), "--report", "-"]) == 0
-    out, err = capfd.readouterr()
-    assert [record["psnr_svg"] for record in json.loads(out)] == psnrs[:1] * 2
-    assert "c.svg" in err
-    found = sorted(path.relative_to(heat).as_posix() for path in heat.rglob("*.png"))
-    assert found == ["a/c-heatmap.png", "b/c-heatmap.png"]
     exact = json.loads(report.read_text())[0] | {"psnr_svg": None}
     assert check_table([exact]).splitlines()[1].split()[4] == "equal"
 
@@ -296,11 +274,10 @@ def test_full_help_names_every_option(capsys, monkeypatch):
 
 
 def test_version_prints_the_block_of_a_fault_report(capsys):
-    assert main(["--version"]) == 0
+    assert main(["version"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"gauss2svg {gauss2svg.__version__}"
-    heads = [line.partition(":")[0] for line in lines[1:] if line[0] != " "]
+    heads = [line.partition(":")[0] for line in lines[1:]]
     assert heads == ["system", "CPU", "renderers", "packages"]
     text = " ".join(lines)
     assert all(name in text for name in ("resvg 0", "numpy 2", "pyvips", platform.python_version()))
-    assert all(len(line) < 80 for line in lines)

@@ -173,8 +173,8 @@ def test_too_low_a_psnr_over_black_is_status_one_too(tmp_path, capsys, drawn_her
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("- -", "photo and svg must be one file each; got -, -"),
-        ("PHOTO PHOTO", "every file after the photo must be an svg; got"),
+        ("- -", "files must be one photo and then svgs; got -, -"),
+        ("PHOTO PHOTO", "files must be one photo and then svgs; got"),
         ("PHOTO SVG --heatmap x.png --preview x.png", "is also another output"),
         ("PHOTO SVG --max-svg-bytes 9k", "got more. try to raise --max-svg-bytes"),
         ("PHOTO SVG --draw-timeout nan", "number above 0 and at most 86400; got nan"),

@@ -15,6 +15,7 @@ from gauss2svg.compare.pages import Gallery
 from gauss2svg.fit import FitProgress
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.options import Progress
+from gauss2svg.pipeline.placeholder import Placeholder
 from gauss2svg.pipeline.progress_display import FrameMaker
 from gauss2svg.pipeline.run import watched
 from gauss2svg.render import render
@@ -38,8 +39,9 @@ def test_a_scene_shows_its_name_and_its_picture_which_is_small_at_any_size():
 
 
 def test_results_of_other_calls_show_a_line_and_a_picture(photo, tmp_path, drawn_here):
-    small = gauss2svg.placeholder(photo[:32, :32], 400)
-    checked = gauss2svg.check(photo[:32, :32], small.svg)
+    svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"/>'
+    small = Placeholder(svg, 32, 32, "#888888", 3)
+    checked = gauss2svg.check(photo[:32, :32], svg)
     row = {"variant": "<a>", "median_psnr_svg": 30.0, "median_svg_bytes": 9e3, "median_total_s": 1}
     gallery = Gallery(tmp_path, [{}], [row], [], 0, [])
     pages = [one._repr_html_() for one in (small, checked, gallery)]
@@ -50,22 +52,8 @@ def test_results_of_other_calls_show_a_line_and_a_picture(photo, tmp_path, drawn
         assert text in pages[2]
 
 
-def test_a_terminal_counts_the_photos_of_a_batch(photo, tmp_path, monkeypatch, pool_here, hasty):
-    Image.fromarray(np.uint8(255 * photo[:32, :32])).save(tmp_path / "photo.png")
-    monkeypatch.setattr("sys.stderr", written := io.StringIO())
-    written.isatty = lambda: True
-    monkeypatch.setattr("gauss2svg.pipeline.progress_display.columns", lambda: 80)
-    call = gauss2svg.vectorize_many([tmp_path / "photo.png"], tmp_path / "out", progress=True)
-    for record in call:
-        assert record.error is None
-        time.sleep(0.3)
-    assert "1 of 1: " in written.getvalue()
-
-
-@pytest.mark.parametrize("run", [gauss2svg.vectorize, gauss2svg.placeholder])
-def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(
-    run, photo, capfd, hasty
-):
+def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(photo, capfd, hasty):
+    run = gauss2svg.vectorize
     assert len({run(photo[:32, :32], progress=shows).svg for shows in (None, True)}) == 1
     assert capfd.readouterr() == ("", "")
     with pytest.raises(gauss2svg.InputError, match="progress must be"):

@@ -7,16 +7,12 @@ from scenes import random_scene, random_sum
 from gauss2svg.areas.find import FoundAreas
 from gauss2svg.measure.metrics import local_hue_error, psnr
 from gauss2svg.pipeline.found import with_shared_colors
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.outcome import Exporter, Subject
 from gauss2svg.pipeline.palette import LARGEST_CHANGE, best_palette, quantize
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import Area, Outline
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.svg.forms import is_plain
-from gauss2svg.svg.write import write_svg
 
 
 def test_a_palette_keeps_few_colours_and_gives_up_exponents_first():
@@ -89,9 +85,6 @@ def test_a_palette_of_signed_colours_keeps_signs_and_is_closer_the_larger_it_is(
     np.testing.assert_array_equal(quantize(kept, palette=20).color, kept.color)
     assert psnr(render(kept), render(scene)) > psnr(render(fewer), render(scene)) + 3
     np.testing.assert_array_equal(quantize(scene, palette=200).color, scene.color)
-    coarse, fine = (quantize(scene, color_error=error) for error in (1e-2, 1e-3))
-    assert len(np.unique(coarse.color, axis=0)) < len(np.unique(fine.color, axis=0)) < 200
-    assert write_svg(kept).count("<radialGradient") <= 20
 
 
 @pytest.mark.parametrize("make", [random_scene, random_sum])
@@ -104,12 +97,6 @@ def test_a_palette_has_the_colours_that_weigh_most(make):
     weight = np.repeat([[1.8, 0.2]], 64, axis=0).repeat(32, axis=1)
     one = quantize(scene, palette=1, weight=weight).color
     np.testing.assert_allclose(one, 0.9 * 0.2 + 0.1 * 0.8, atol=0.005)
-    y, x = np.mgrid[:64, :64] // 4
-    photo = np.where((x + y) % 2 * (x > 7), 0.9, 0.1)[:, :, None].repeat(3, axis=2).astype("f4")
-    for tune, least, most in (("perceptual", 0.2, 0.35), ("psnr", 0.49, 0.51)):
-        given = {"gaussians": 2, "palette": 1, "tune": tune, "blend": scene.blend}
-        exporter = Exporter(Plan(Options.from_flat(given)), Subject.of(photo))
-        assert least < exporter.quantized(scene, None).color[0, 0] < most
 
 
 @pytest.mark.parametrize("is_noisy", [False, True])

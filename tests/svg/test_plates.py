@@ -196,10 +196,10 @@ def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path
         ("--overprint 2", "--overprint must be given with --inks that are listed"),
         ("--inks red,#00f,lime,#ff0 --overprint 2", "mixes; got 2 for 4 inks. Try 1"),
         ("--inks white", "--inks must be another colour than the paper; got #ffffff"),
-        ("--inks 3 --cut", "--cut must be given with --inks, and with --separations or"),
+        ("--inks red --paper griin", "--paper must be a colour"),
+        ("--inks 3 --cut", "--cut must be given with --separations"),
         ("--inks 3 --separations p.svg --trap 0.2", "--trap must be given with --cut"),
         ("--separations p.svg", "--separations must be given with --inks"),
-        ("--sheet a3", "--sheet must be given with --plot; got a3 alone. Try --plot plot.svg"),
         (
             "--plot p.svg --sheet 20x20mm",
             "margin must be smaller for a sheet of 20x20mm; got",

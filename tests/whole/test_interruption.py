@@ -1,6 +1,5 @@
 """Signals: the first ends a fit with the best result so far, the second quits at once."""
 
-import ctypes
 import itertools
 import json
 import os
@@ -110,24 +109,6 @@ def test_second_signal_ends_everything_and_leaves_the_old_file(number, moment, c
     assert UNTOUCHED in capfd.readouterr().err
     assert Path("out.svg").read_text() == "old"
     assert sorted(os.listdir()) == ["out.svg", "photo.png"]
-
-
-@pytest.mark.parametrize("number", STATUS)
-def test_signal_that_a_callback_loses_ends_a_command_before_what_comes_next(
-    number, command, drawn_here, monkeypatch, capsys
-):
-    def lose(*_):
-        """Get a signal in a callback of C code, which reports and loses what is raised there."""
-        ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(number))()
-        return 0.0
-
-    monkeypatch.setattr("gauss2svg.pipeline.run.Run.notify", lose)
-    assert main(command) == STATUS[number]
-    assert Path("out.svg").read_text() == "old"
-    Path("out.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"/>')
-    monkeypatch.setattr("gauss2svg.cli.summary.print_check", lose)
-    assert main(["check", "photo.png", "out.svg"]) == STATUS[number]
-    assert capsys.readouterr().err == 2 * f"{UNTOUCHED}\n"
 
 
 def test_signals_that_were_ignored_at_the_start_stay_ignored():

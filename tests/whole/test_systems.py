@@ -84,4 +84,4 @@ def test_commands_expand_patterns_themselves(pictures, capsys, refusal):
     assert main(["*.png", "-o", "e.svg", "--gaussians", "2", "--quiet"]) == 0
     assert main(["check", "*.png", "e.s*", "--quiet"]) == 0
     assert "the photo must be one file; got a.jpg, b.jpg, c[1]" in refusal("*.jpg", "-o", "o.svg")
-    assert "photo and SVG must be one file each; got a.jpg" in refusal("check", "*.jpg", "e.svg")
+    assert "files must be one photo and then SVGs; got a.jpg" in refusal("check", "*.jpg", "e.svg")

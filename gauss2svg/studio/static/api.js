@@ -8,20 +8,19 @@
 /** @typedef {{ key: string, name: string, title: string, unit: string, digits: number, best: number | null }} Score */
 /** @typedef {{ groups: Group[], scores: Score[], limits: Limits, uses: Record<string, Options> }} Form uses are the first choices, with the options that each sets */
 /** @typedef {{ png_pixels: number }} Limits */
-/** @typedef {{ name: string, url: string, width: number, height: number }} Sample */
+/** @typedef {{ name: string, url: string }} Sample */
 /** @typedef {Record<string, number | null> & { width: number, height: number, gaussians: number, svg_bytes: number,
  *   svgz_bytes: number, total_s: number, psnr_svg: number | null } & { unreached: string[], notes: string[], inks: string | null, ink_shares: number[] | null }} Report */
 /** @typedef {{ phase?: string, round?: number, iteration?: number, done?: number, frame?: number, gaussians?: number,
  *   areas?: string, psnr?: number | null, bytes_estimate?: number, elapsed_s?: number, remaining_s?: number }} Progress */
-/** @typedef {{ id: string, state: string, place: number, progress: Progress | null, report: Report, error: string,
+/** @typedef {{ id: string, state: string, progress: Progress | null, report: Report, error: string,
  *   width: number | null, height: number | null, lines: Record<string, string> }} State state of a job; the report is null until there is an SVG */
 
 export class ApiError extends Error {
-  /** @param {string} line @param {number} status HTTP status, or 0 without an answer @param {number} [retryAfter] seconds */
-  constructor(line, status, retryAfter) {
+  /** @param {string} line @param {number} status HTTP status, or 0 without an answer */
+  constructor(line, status) {
     super(line);
     this.status = status;
-    this.retryAfter = retryAfter;
   }
 }
 
@@ -40,7 +39,7 @@ async function answer(path, request) {
     const body = await response.json();
     line = typeof body.error === "string" ? body.error : line;
   }
-  throw new ApiError(line, response.status, Number(response.headers.get("retry-after")) || 1);
+  throw new ApiError(line, response.status);
 }
 /** @param {string} path @param {RequestInit} [request] */
 const json = async (path, request) => (await answer(path, request)).json();

@@ -50,13 +50,9 @@ function ofFile(file) {
 /** @param {import("./api.js").Sample[]} samples @param {(photos: Photo[]) => void} take */
 export function showSamples(samples, take) {
   by("pick").hidden = samples.length === 0;
-  by("samples").replaceChildren(...samples.map(({ name, url, width, height }) => {
-    const picture = make("img", {
-      src: url, alt: "", loading: "lazy", width, height, error: () => { picture.hidden = true; },
-    });
-    const button = make("button", {
-      type: "button", class: "sample", click: () => take([{ name, url, width, height }]),
-    }, picture, make("span", {}, name));
+  by("samples").replaceChildren(...samples.map(({ name, url }) => {
+    const picture = make("img", { src: url, alt: "", loading: "lazy", error: () => { picture.hidden = true; } });
+    const button = make("button", { type: "button", class: "sample", click: () => take([{ name, url }]) }, picture, make("span", {}, name));
     return make("li", {}, button);
   }));
 }

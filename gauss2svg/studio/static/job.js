@@ -4,22 +4,21 @@ import { ApiError, cancelJob, ofJob, postJob, stopJob } from "./api.js";
 
 // Largest number of event streams. A browser has six connections to a server, for pictures and answers too.
 const MOST_FOLLOWED = 3;
-const PAUSE_MS = 1000; // pause before a run is posted again to a full queue, if the server names none
 const LOST = "The server does not answer. Trying again.";
 const GONE = "The server no longer knows this run. Try to run it again";
 
 /** @import { Options, Progress, State } from "./api.js" */
 /** @typedef {{ name: string, url: string, file?: File, width?: number, height?: number, series?: number, cannotBeSeen?: boolean,
  *   job?: string | null, mask?: HTMLCanvasElement }} Photo a sample has no file; series is the number of its mark; job is the id of a job with this photo */
-/** @typedef {{ number: number, photo: Photo, asked: Options, aim: string, mask: Promise<Blob | null>, lost?: string, isStopping?: boolean, isCanceled?: boolean,
+/** @typedef {{ number: number, photo: Photo, asked: Options, aim: string, mask: Promise<Blob | null>, place?: number, lost?: string, isStopping?: boolean, isCanceled?: boolean,
  *   isEnded?: boolean, status?: number, figures?: Progress, lastFrame?: Shown, picture?: import("./rounds.js").Picture,
  *   end?: () => void }} OfPage */
 /** @typedef {Omit<Partial<State>, "state"> & { state: string } & OfPage} Run */
 /** @typedef {Run & State & { picture: import("./rounds.js").Picture }} DoneRun */
 
-const ENDED = ["done", "stopped", "failed", "canceled"];
+const ENDED = ["done", "failed", "canceled"];
 /** @param {Run} run @returns {run is Run & State} */
-export const isDone = (run) => run.state === "done" || run.state === "stopped";
+export const isDone = (run) => run.state === "done";
 /** @param {Run} run */
 export const isActive = (run) => !ENDED.includes(run.state);
 /** @param {Run | null | undefined} run @returns {run is DoneRun} */
@@ -72,7 +71,6 @@ export class RunQueue {
     run.state = "queued";
     this.changed(run);
     const posted = await this.post(run);
-    if (posted === null) return;
     run.id = posted.id;
     if (run.isCanceled) { // the user canceled it while it was posted
       await cancelJob(posted.id);
@@ -107,21 +105,13 @@ export class RunQueue {
 
   /** @param {Run} run */
   async post(run) {
-    while (!run.isCanceled) {
-      try {
-        return await postJob(run.photo, run.asked, await run.mask);
-      } catch (error) {
-        if (error.status === 404 && run.photo.job) {
-          run.photo.job = null;
-          continue;
-        }
-        if (error.status !== 429) throw error;
-        run.lost = error.message;
-        this.changed(run);
-        await new Promise((done) => setTimeout(done, error.retryAfter * 1000 || PAUSE_MS));
-      }
+    try {
+      return await postJob(run.photo, run.asked, await run.mask);
+    } catch (error) {
+      if (error.status !== 404 || !run.photo.job) throw error;
+      run.photo.job = null; // the server has forgotten it, so the photo is sent once more
+      return postJob(run.photo, run.asked, await run.mask);
     }
-    return null;
   }
 
   /** @param {Run} run */

@@ -184,7 +184,7 @@ class Studio {
     const error = run.error ?? "", line = error.includes(run.photo.name) ? error : `${run.photo.name}: ${error}`;
     if (run.id === undefined && this.more.blame(error)) return;
     // A photo that the server refuses is not kept.
-    if (run.id === undefined && isAlone && [413, 415, 422].includes(run.status ?? 0)) {
+    if (run.id === undefined && isAlone && [422].includes(run.status ?? 0)) {
       this.photos = this.photos.filter((one) => one !== run.photo);
       URL.revokeObjectURL(run.photo.url);
       if (this.photo === run.photo) this.open(this.photos.at(-1) ?? null);

@@ -19,7 +19,7 @@ function standing(run) {
   if (run.lost) return run.lost;
   if (run.isStopping) return "Stopping, with the best picture so far";
   if (run.state === "waiting") return `Waiting, ${ahead(place)}`;
-  if (run.state === "queued") return place > 1 ? `In the queue, ${ahead(place - 1)}` : "In the queue, next";
+  if (run.state === "queued") return "In the queue, next";
   const now = run.progress;
   if (!now) return "Starting";
   if (now.phase === "areas") return now.areas ? "Refining areas" : "Finding areas";
