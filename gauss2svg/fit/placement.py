@@ -17,31 +17,10 @@ from gauss2svg.core import Kernel
 from gauss2svg.fit.target import Target
 from gauss2svg.without_scipy import smoothed
 
-# Variance of x within a pixel, a square with sides of 1 px, in px^2. The variance of y is the same.
-_PIXEL_VARIANCE = 1 / 12
-
-# The values of the constants from here on were chosen by measurements
-# (docs/decisions/placement.md).
-INITIAL_SIGMA = 0.3  # sigma of a Gaussian that `by_error` places, as a share of _Placer's spacing
+# The values of the constants were chosen by measurements (docs/decisions/placement.md).
 FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian with a learned falloff. The value hardly matters
-LEAST_NEW_SIGMA = (
-    0.8  # least sigma in px of a new Gaussian, before it is stretched in one direction
-)
-LEAST_MINOR = 0.6  # least minor semi-axis in px of a new Gaussian on a component
-# At an edge, `by_error` stretches a round Gaussian: along the edge it becomes longer by a factor of
-# up to e^ELONGATION, and across the edge it becomes narrower by the same factor.
-ELONGATION = 0.5
-# A pixel whose residual is below this share of the largest residual belongs to no component.
-REJECTED_SHARE = 0.2
-BINS = 4  # number of bins of equal width into which residuals are quantised
-LIVE_BINS = 8  # the same where the largest components are taken, as in LIVE
-# Largest ratio of the axes of a new Gaussian on a component. If all new Gaussians were round, the
-# PSNR would be lower, most of all in drawings.
-MOST_FIRST_ASPECT = 6.0
-# A pixel is covered too much if the render's alpha exceeds the target's alpha by more than this.
-# More Gaussians cannot repair such a pixel, so its residual is multiplied by COVERED_WEIGHT.
-TOO_COVERED = 0.03
-COVERED_WEIGHT = 0.3
+# Least sigma in px of a new Gaussian, before it is stretched in one direction.
+LEAST_NEW_SIGMA = 0.8
 
 
 class NewGaussians(NamedTuple):
@@ -109,8 +88,8 @@ class _Placer:
             # The residual over white minus the residual over black is the alpha of the render minus
             # the alpha of the target.
             surplus = (over_white - over_black).mean(axis=0)
-            too_covered = surplus > TOO_COVERED
-            self._residual *= np.where(too_covered, COVERED_WEIGHT, 1.0)
+            # More Gaussians cannot repair a pixel that is covered too much.
+            self._residual *= np.where(surplus > 0.03, 0.3, 1.0)
         self._color = self._residual if additive else target.source_color
         if (weight := target.visible_weight) is not None:
             self._residual = self._residual * np.sqrt(weight)
@@ -132,10 +111,8 @@ class _Placer:
         if not total[-1] > 0:  # the render equals the target, so any pixel is as good as another
             pixel = self._rng.integers(total.size, size=count)
         y, x = np.divmod(pixel, self._target.width)
-        sigma = max(self._spacing * INITIAL_SIGMA, LEAST_NEW_SIGMA)
-        along, coherence = self._target.edges
-        stretch = portable.exp(ELONGATION * coherence[y, x])
-        factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
+        sigma = np.full(count, max(self._spacing * 0.3, LEAST_NEW_SIGMA))
+        factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
     def by_component(self, count: int) -> NewGaussians:
@@ -154,14 +131,14 @@ class _Placer:
         if self._target.has_ground:
             parts = self._components(count)
         else:
-            parts = self._components(count, BINS, np.square(self._residual).sum(axis=0))
+            parts = self._components(count, 4, np.square(self._residual).sum(axis=0))
         sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_NEW_SIGMA)
         xx, xy, yy = parts.moments()
         spread = portable.hypot(xx - yy, 2 * xy)
-        aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 2 * _PIXEL_VARIANCE))
-        stretch = np.sqrt(np.minimum(aspect, MOST_FIRST_ASPECT))
+        aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 1 / 6))
+        stretch = np.sqrt(np.minimum(aspect, 6.0))
         angle_rad = 0.5 * portable.arctan2(2 * xy, xx - yy)
-        minor = np.maximum(sigma / stretch, LEAST_MINOR)
+        minor = np.maximum(sigma / stretch, 0.6)
         return NewGaussians(
             mean=parts.center() + 0.5,
             factor=_oriented(sigma * stretch, minor, angle_rad),
@@ -205,21 +182,22 @@ class _Placer:
         return self._color[:, y, x].T.astype(np.float64)
 
     def _components(
-        self, count: int, bins: int = LIVE_BINS, weight: NDArray[np.floating] | None = None
+        self, count: int, bins: int = 8, weight: NDArray[np.floating] | None = None
     ) -> _Components:
         """Return the `count` heaviest components, or fewer if there are not so many.
 
         bins    number of bins into which residuals are quantised
         weight  (h, w) weight of each pixel. If it is None, each pixel weighs 1
 
-        The absolute residual of each pixel is summed over the channels. Pixels with small sums
-        belong to no component. The sums of the other pixels are sorted into bins of equal width
-        between 0 and the largest sum. A component is a connected set of pixels of the same bin.
+        The absolute residual of each pixel is summed over the channels. Pixels with sums below a
+        fifth of the largest belong to no component. The sums of the other pixels are sorted into
+        bins of equal width between 0 and the largest sum. A component is a connected set of pixels
+        of the same bin.
         """
         difference = np.abs(self._residual).sum(axis=0)
         largest = float(difference.max()) or 1.0
         levels = np.ceil(difference / largest * bins).astype(np.int32)
-        levels[difference < REJECTED_SHARE * largest] = 0
+        levels[difference < 0.2 * largest] = 0
         components = components_of(levels).ravel()
         area = np.bincount(components)
         weights = area if weight is None else np.bincount(components, weight.ravel())
@@ -264,8 +242,8 @@ class _Components:
         """
         x, y = self.x, self.y
         mx, my = self.center().T
-        xx = self.means(x * x) - mx * mx + _PIXEL_VARIANCE
-        yy = self.means(y * y) - my * my + _PIXEL_VARIANCE
+        # 1 / 12 is the variance of x within a pixel.
+        xx, yy = (self.means(v * v) - m * m + 1 / 12 for v, m in ((x, mx), (y, my)))
         return xx, self.means(x * y) - mx * my, yy
 
 

@@ -9,15 +9,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import fit
-from gauss2svg.fit.target import (
-    CONTRAST,
-    LEAST_BOUND,
-    MOST_BOUND,
-    TIMES_MEDIAN,
-    Target,
-    image_gradient,
-    structural_similarity,
-)
+from gauss2svg.fit.target import Target, image_gradient, structural_similarity
 from gauss2svg.render.cpu import moments_of_gradient, splats_of, visible_mass
 from gauss2svg.scene import Scene
 
@@ -50,7 +42,7 @@ def own_loss(render, target):
 
 
 @pytest.mark.parametrize("loss", [*(one for one in choices("loss") if one != "weighted"), own_loss])
-@pytest.mark.parametrize("size", [(12, 13), (40, 61), (30, 8), (2, 9), (1, 1)])
+@pytest.mark.parametrize("size", [(12, 13), (2, 9), (1, 1)])
 @pytest.mark.parametrize("focused", [False, True])
 def test_loss_gradient_is_that_of_finite_differences(loss, size, focused):
     # Nowhere equal to the target, where |r - t| has a kink.
@@ -88,12 +80,10 @@ def test_squared_error_has_no_weights_but_the_default_has(loss):
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        ((-1.0, np.zeros((6, 9, 3))), "loss >= 0 .* got -1"),
+        ((-1.0, np.zeros((6, 9, 3))), "loss >= 0 .* loss -1"),
         ((1.0, np.zeros(3)), r"gradient \(3,\)"),
-        ((np.nan, np.zeros((6, 9, 3))), "got nan"),
-        ((1.0, np.full((6, 9, 3), np.nan)), "not finite"),
-        (1.0, "got float. Try torch_loss"),
-        ((np.zeros((6, 9, 3)), 1.0), "got tuple"),
+        ((1.0, np.full((6, 9, 3), np.nan)), "finite gradient"),
+        (1.0, "got float.* Try torch_loss"),
     ],
 )
 def test_a_function_that_is_no_loss_is_refused(answer, message):
@@ -103,7 +93,7 @@ def test_a_function_that_is_no_loss_is_refused(answer, message):
 
 
 @pytest.mark.parametrize("loss", ["mse", "l1"])
-@pytest.mark.parametrize("weight", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("weight", [0.3])
 def test_pixel_losses_are_means_over_all_values(loss, weight):
     rendered, target = planes(12, 14)
     pixel, by_pixel = image_gradient(loss, rendered, target)
@@ -155,15 +145,6 @@ def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
     # far above the threshold it is inversely proportional to the contrast
     assert means[2] / means[3] == pytest.approx(2, rel=0.2)
     assert means[5] == pytest.approx(means[4], rel=0.01)
-
-
-@pytest.mark.parametrize("median", [0, LEAST_BOUND / 250, LEAST_BOUND / 83, MOST_BOUND / 40])
-def test_texture_masks_up_to_a_hundred_times_the_median_variance_within_bounds(median):
-    most = np.clip(TIMES_MEDIAN * median, LEAST_BOUND, MOST_BOUND)
-    contrast = np.repeat([0.0, median**0.5, 0.5], [40, 100, 60])
-    weight = Target(chequered(40, 200, contrast), "perceptual", np.float64).weight
-    flat, strong = weight[20, 15], weight[20, 185]
-    assert CONTRAST**2 * ((flat / strong) ** 2 - 1) == pytest.approx(most, rel=0.01)
 
 
 @pytest.mark.parametrize("tune", ["perceptual", "psnr"])
