@@ -6,7 +6,6 @@ third of a second (docs/decisions/start.md).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -128,22 +127,17 @@ class _Placer:
         stretched. Its direction and the ratio of its axes follow from the second moments of the
         component.
         """
-        if self._target.has_ground:
-            parts = self._components(count)
-        else:
-            parts = self._components(count, 4, np.square(self._residual).sum(axis=0))
+        squares = None if self._target.has_ground else np.square(self._residual).sum(axis=0)
+        parts = self._components(count, 8 if squares is None else 4, squares)
         sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_NEW_SIGMA)
-        xx, xy, yy = parts.moments()
+        xx, xy, yy = parts.moments
         spread = portable.hypot(xx - yy, 2 * xy)
         aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 1 / 6))
         stretch = np.sqrt(np.minimum(aspect, 6.0))
         angle_rad = 0.5 * portable.arctan2(2 * xy, xx - yy)
         minor = np.maximum(sigma / stretch, 0.6)
-        return NewGaussians(
-            mean=parts.center() + 0.5,
-            factor=_oriented(sigma * stretch, minor, angle_rad),
-            color=np.stack([parts.means(c[parts.y, parts.x]) for c in self._color], axis=1),
-        )
+        factor = _oriented(sigma * stretch, minor, angle_rad)
+        return NewGaussians(parts.center + 0.5, factor, parts.color)
 
     def as_in_live(self, count: int) -> NewGaussians:
         """Return up to `count` Gaussians, one on each of the largest components, as in the paper.
@@ -155,10 +149,9 @@ class _Placer:
         # In the paper, sigma is sqrt(A / (r s^2)) with r = 0.07, in units of s / 10 px. Times
         # s / 10, this is sqrt(A / (r 10^2)) px, so s cancels.
         sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_NEW_SIGMA)
-        center = parts.center()
-        x, y = np.round(center).astype(np.intp).T
+        x, y = np.round(parts.center).astype(np.intp).T
         factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
-        return NewGaussians(center + 0.5, factor, self._color_at(x, y))
+        return NewGaussians(parts.center + 0.5, factor, self._color_at(x, y))
 
     def at_random(self, count: int) -> NewGaussians:
         """Return Gaussians on random visible pixels.
@@ -207,44 +200,34 @@ class _Placer:
         rank[order] = np.arange(len(order))
         rank = rank[components]
         pixel = np.flatnonzero(rank >= 0)
+        rank, area = rank[pixel], area[order]
         y, x = np.divmod(pixel, self._target.width)
-        return _Components(area[order], rank[pixel], x, y)
+
+        def means(values: NDArray[np.number]) -> NDArray[np.float64]:
+            return np.bincount(rank, values, len(area)) / area
+
+        mx, my = means(x), means(y)
+        # 1 / 12 is the variance of x within a pixel.
+        xx, yy = means(x * x) - mx * mx + 1 / 12, means(y * y) - my * my + 1 / 12
+        color = np.stack([means(plane[y, x]) for plane in self._color], axis=1)
+        moments = xx, means(x * y) - mx * my, yy
+        return _Components(area, np.stack([mx, my], axis=1), moments, color)
 
 
-@dataclass(frozen=True)
-class _Components:
+class _Components(NamedTuple):
     """k components of a picture, sorted from the heaviest to the lightest.
 
-    Together they have p pixels, which the arrays rank, x and y list.
-
-    area  (k,) areas in px^2
-    rank  (p,) index of the component to which each pixel belongs, 0 for the heaviest component
-    x, y  (p,) column and row of each pixel
+    area     (k,) areas in px^2
+    center   (k, 2) mean column and mean row of the pixels
+    moments  central second moments xx, xy, yy (k,) in px^2. Pixels count as squares and not as
+             points, so no component is infinitely thin
+    color    (k, 3) mean colours
     """
 
     area: NDArray[np.intp]
-    rank: NDArray[np.intp]
-    x: NDArray[np.intp]
-    y: NDArray[np.intp]
-
-    def means(self, values: NDArray[np.number]) -> NDArray[np.float64]:
-        """Return the mean (k,) of `values` (p,) over the pixels of each component."""
-        return np.bincount(self.rank, values, len(self.area)) / self.area
-
-    def center(self) -> NDArray[np.float64]:
-        """Return the mean column and the mean row (k, 2) of the pixels of each component."""
-        return np.stack([self.means(self.x), self.means(self.y)], axis=1)
-
-    def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the central second moments xx, xy, yy (k,) of the components in px^2.
-
-        Pixels count as squares and not as points, so no component is infinitely thin.
-        """
-        x, y = self.x, self.y
-        mx, my = self.center().T
-        # 1 / 12 is the variance of x within a pixel.
-        xx, yy = (self.means(v * v) - m * m + 1 / 12 for v, m in ((x, mx), (y, my)))
-        return xx, self.means(x * y) - mx * my, yy
+    center: NDArray[np.float64]
+    moments: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+    color: NDArray[np.float64]
 
 
 def _oriented(

@@ -25,6 +25,7 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from gauss2svg.photo.pixels import Header
 
+SWAPPED = (5, 6, 7, 8)  # the EXIF orientations that exchange width and height
 TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
 
 logging.getLogger("pyvips").setLevel(logging.CRITICAL)  # warnings that errors do not repeat
@@ -69,6 +70,12 @@ class StoredImage:
     def header(self) -> Header:
         """The header: the size, whether there is alpha, and the memory that decoding takes."""
         return Header(self.width, self.height, self.alpha is not None, self.reduced_bytes)
+
+    @property
+    def upright_size(self) -> tuple[int, int]:
+        """Width and height in px of the upright photo."""
+        is_swapped = self.orientation in SWAPPED
+        return (self.height, self.width) if is_swapped else (self.width, self.height)
 
     def note_frames(self, count: int, noun: str = "frames") -> None:
         """Add a note if the file has more than one frame or page."""

@@ -20,6 +20,7 @@ from gauss2svg.files import reading
 from gauss2svg.options import Field, file_name
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, FORMATS, MOST_PIXELS, PREFIX_BYTES, format_of
 from gauss2svg.photo.decoders import (
+    SWAPPED,
     TYPES,
     StoredImage,
     of_image,
@@ -44,7 +45,6 @@ from gauss2svg.photo.pixels import (
 )
 from gauss2svg.photo.srgb import in_srgb
 
-SWAPPED = (5, 6, 7, 8)  # the EXIF orientations that exchange width and height
 # libjpeg can reduce a JPEG while it decodes it, but its filter removes high frequencies
 # (docs/decisions/photo.md). So libjpeg may reduce each side only to at least this many times the
 # size needed, and `resized` does the rest of the reduction.
@@ -117,17 +117,16 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     pixels = unit(pixels, name)
     color, notes = in_srgb(pixels[:, :, : stored.colors], stored.profile)
     notes, orientation, dpi = [*stored.notes, *notes], stored.orientation, stored.dpi
-    full = stored.width, stored.height
     if orientation != 1:
         notes.insert(0, "EXIF orientation applied")
     if orientation in SWAPPED:
-        full, dpi = full[::-1], dpi and dpi[::-1]
+        dpi = dpi and dpi[::-1]
     color, alpha = upright(color, orientation), None
     color = np.ascontiguousarray(color if color.shape[2] == 3 else color.repeat(3, axis=2))
     if stored.alpha is not None and (pixels[:, :, -1] < 1).any():
         alpha = upright(pixels[:, :, -1], orientation)
         color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
-    return Photo(color, full, tuple(notes), dpi, alpha)
+    return Photo(color, stored.upright_size, tuple(notes), dpi, alpha)
 
 
 def _picture(stored: StoredImage, size: Size | None) -> Any:
