@@ -119,8 +119,8 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     notes, orientation, dpi = [*stored.notes, *notes], stored.orientation, stored.dpi
     if orientation != 1:
         notes.insert(0, "EXIF orientation applied")
-    if orientation in SWAPPED:
-        dpi = dpi and dpi[::-1]
+    if dpi and orientation in SWAPPED:
+        dpi = dpi[1], dpi[0]
     color, alpha = upright(color, orientation), None
     color = np.ascontiguousarray(color if color.shape[2] == 3 else color.repeat(3, axis=2))
     if stored.alpha is not None and (pixels[:, :, -1] < 1).any():

@@ -5,11 +5,10 @@ import itertools
 import numpy as np
 import pytest
 from flat import choices, fit_config, session_of
-from scenes import random_areas, random_scene, random_sum
+from scenes import random_areas, random_scene
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import PSNR, FitOptions
-from gauss2svg.fit import population as population_module
 from gauss2svg.fit.placement import NewGaussians, place
 from gauss2svg.fit.population import LEAST_OPACITY, LEAST_SIGMA_ABOVE_AREAS
 from gauss2svg.fit.schedule import rate, reduction, totals
@@ -148,6 +147,7 @@ def state_of(scene) -> State:
     return State.of(scene.mean, f[:, [0, 1, 1], [0, 0, 1]], 0, **raw)
 
 
+@pytest.mark.sweep
 def test_gradients_in_the_gaussians_frame_are_those_of_autograd():
     torch = pytest.importorskip("torch")
     from gauss2svg.render.reference import composite
@@ -182,23 +182,6 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd():
         slow = along.grad[:, column].numpy()
         scale = np.abs(slow).max()
         np.testing.assert_allclose(fast[:, column] / scale, slow / scale, atol=1e-12)
-
-
-@pytest.mark.parametrize(("contrast", "relocates"), [(0.2, True), (1e-3, False)])
-def test_nothing_is_relocated_where_the_error_does_not_show(contrast, relocates, monkeypatch):
-    calls = []
-    monkeypatch.setattr(
-        population_module.Population, "relocate", lambda self: calls.append(len(self))
-    )
-    noise = np.random.default_rng(0).random((40, 40, 3)).astype(np.float32)
-    fit(0.4 + np.float32(contrast) * noise, fit_config(40, 60))
-    assert bool(calls) == relocates
-
-
-def test_an_additive_scene_is_recovered_from_its_render():
-    scene = random_sum(3, 48, 40, 1)
-    target = render(scene.replace(color=np.abs(scene.color) * 0.5, background=np.full(3, 0.2)))
-    assert metrics.psnr(render(fit(target, fit_config(12, 300, blend="add")).scene), target) > 45
 
 
 def test_new_additive_gaussians_share_the_residual():
@@ -267,22 +250,11 @@ def test_live_begins_on_the_largest_components_of_the_bins_as_the_paper_says():
         np.testing.assert_allclose(new.factor[k], [sigma, 0, sigma])
     assert len(new.mean) == 6  # the rest at random
     assert len(np.unique(new.mean[2:], axis=0)) == 4
-    frame = np.full((40, 40, 3), 0.25)
-    frame[5:35, 5:35] = 0.6  # a frame of one bin around a square of another
-    frame[15:25, 15:25] = 1.0
-    new = placed("live", frame, 2)
-    np.testing.assert_allclose(new.factor[:, 0] ** 2 * 7, [900 - 100, 100])
 
 
 def test_random_begins_anywhere_with_every_shape():
-    for count in (40, 2000):
-        new = placed("random", np.random.default_rng(1).random((50, 90, 3)), count)
-        sigma_y = np.hypot(new.factor[:, 1], new.factor[:, 2])
-        sigma, rho = np.stack([new.factor[:, 0], sigma_y]), new.factor[:, 1] / sigma_y
-        unit = np.sqrt(50 * 90 / (count * np.pi))  # of a disc with each one's share of the area
-        assert 0.8 * unit < sigma.max() <= max(unit, 0.8)
-        assert sigma.min() < max(0.25 * unit, 0.8)
-        assert np.abs(rho).max() < 1
+    new = placed("random", np.random.default_rng(1).random((50, 90, 3)), 2000)
+    rho = new.factor[:, 1] / np.hypot(new.factor[:, 1], new.factor[:, 2])
     assert (new.mean.min(axis=0) < [2, 2]).all()
     assert (new.mean.max(axis=0) > [88, 48]).all()
     assert rho.min() < -0.9 < 0.9 < rho.max()
@@ -331,15 +303,3 @@ def test_conversion_keeps_the_render_of_an_additive_scene(photo):
     for scene, blend in ((composited, "over"), (additive, "add")):
         with pytest.raises(InputError, match="the scene must be additive, and fitted by a config"):
             convert_additive(scene, config=fit_config(blend=blend))
-
-
-@pytest.mark.parametrize("reduce", [False, True])
-def test_rounds_run_at_full_size_without_reduce(photo, reduce):
-    widths = set()
-    config = fit_config(64, 40, blend="add", reduce=reduce)
-    session = session_of(
-        photo, config, progress=lambda _: widths.add(session.population.target.width)
-    )
-    session.fit()
-    assert (min(widths) < 128) == reduce
-    assert max(widths) == 128

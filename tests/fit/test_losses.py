@@ -10,7 +10,7 @@ from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import fit
 from gauss2svg.fit.target import Target, image_gradient, structural_similarity
-from gauss2svg.render.cpu import moments_of_gradient, splats_of, visible_mass
+from gauss2svg.render.cpu import moments_of_gradient, splats_of
 from gauss2svg.scene import Scene
 
 
@@ -154,14 +154,6 @@ def test_new_gaussians_go_where_an_error_shows(tune):
     weight = target.weight if tune == "perceptual" else np.ones((64, 64))
     on_flat = (new.mean[:, 0] < 32).mean()
     assert on_flat == pytest.approx(weight[:, :32].sum() / weight.sum(), abs=0.02)
-
-
-def test_visible_mass_counts_a_pixel_as_often_as_it_weighs():
-    scene = spots([8, 24], [16, 16], 32)
-    plain, _ = visible_mass(scene)
-    weight = np.repeat([[0.5, 1.5]], 4, axis=0)  # of another size than the canvas
-    mass, _ = visible_mass(scene, np.repeat(weight, 8, axis=1))
-    np.testing.assert_allclose(mass, plain * [0.5, 1.5], rtol=0.02)
 
 
 @pytest.mark.parametrize("tune", ["perceptual", "psnr"])
