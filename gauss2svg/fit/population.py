@@ -270,9 +270,7 @@ class Population:
         """
         surplus = len(self) - count
         if surplus > 0:
-            _, cost = self.target.removal_cost(self.splats())
-            keep = np.argsort(cost[:, 0], kind="stable")[surplus:]
-            self.state = self.state.select(np.sort(keep))
+            self._remove(surplus)
             if self.shared is not None:
                 self._share()
         elif surplus < 0:
@@ -280,19 +278,24 @@ class Population:
 
     def relocate(self) -> bool:
         """Move the least useful Gaussians to where the error is large. Return whether any moved."""
-        rendered, cost = self.target.removal_cost(self.splats())
         total = len(self)
         count = int(0.08 * total)  # docs/decisions/fit.md
         if not count:
             return False
-        keep = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
-        self.state = self.state.select(keep)
+        rendered = self._remove(count)
         # With additive blending, removing several Gaussians may raise the error by more than the
         # sum of their costs, so the remaining Gaussians are rendered anew.
         if self.config.fit.blend == ADD:
             rendered = self.rendered()
         self._add(rendered, count, total)
         return True
+
+    def _remove(self, count: int) -> NDArray[np.floating]:
+        """Remove the `count` least useful Gaussians. Return the render with them."""
+        rendered, cost = self.target.removal_cost(self.splats())
+        keep = np.argsort(cost[:, 0], kind="stable")[count:]
+        self.state = self.state.select(np.sort(keep))
+        return rendered
 
     def prune(self, least: float) -> None:
         """Remove each Gaussian that raises the weighted PSNR by at most `least` dB.
