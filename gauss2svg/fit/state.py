@@ -273,17 +273,13 @@ def columns_of(
         columns[COLUMNS[parameter.name]] = parameter.rate, raw.least, raw.most
     if options.blend == ADD:
         columns[COLOR] = 0.025, -0.5, 0.5  # docs/decisions/fit.md
-    if shares:
-        columns[COLOR, 0] = 0.006
     is_inked = options.inks is not None
-    is_fixed = {
-        "opacity": opaque or is_inked or options.blend == ADD,
-        "color": is_inked,
-        "beta": shares or not options.learned_falloff,
-    }
-    for name, fixed in is_fixed.items():
-        if fixed:
-            columns[COLUMNS[name], 0] = 0.0
+    if is_inked or shares:
+        columns[COLOR, 0] = 0.0 if is_inked else 0.006
+    if opaque or is_inked or options.blend == ADD:
+        columns[COLUMNS["opacity"], 0] = 0.0
+    if shares or not options.learned_falloff:
+        columns[COLUMNS["beta"], 0] = 0.0
     return columns
 
 
