@@ -233,7 +233,7 @@ def of_image(image: Image.Image) -> StoredImage:
             stored.dpi = float(dpi[0]), float(dpi[1])
         if image.format != "TIFF":  # Pillow itself turns a TIFF upright
             turn = image.getexif().get(Base.Orientation)
-            stored.orientation = turn if turn in range(1, 9) else 1
+            stored.orientation = turn if turn and turn in range(1, 9) else 1
     except Exception:  # if EXIF data or later frames are broken, the photo is read all the same
         stored.notes.append("its EXIF data, or frames after the first, are broken; ignored")
     return stored
