@@ -175,8 +175,8 @@ class FitConfig:
                 Gaussians, because such steps are faster
     extend      whether the number of iterations is doubled if most of them run on a smaller copy
     opaque      whether all opacities stay 1, which makes files shorter
-    relocate_rarely  whether the number of steps between two relocations must be at least
-                schedule.RELOCATE_SHARE times the number of all steps. Fits of many steps need this
+    relocate_rarely  whether the number of steps between two relocations must be at least a
+                twentieth of the number of all steps. Fits of many steps need this
     """
 
     gaussians: int = 5000
@@ -227,7 +227,7 @@ class FitConfig:
             return self.iterations
         start = schedule.GROWTH_SHARE
         is_reduced = refinement_reduction(start, self.gaussians, width, height) > 1
-        return self.iterations * (schedule.EXTENDED if is_reduced else 1)
+        return self.iterations * (2 if is_reduced else 1)
 
 
 @dataclass(frozen=True)

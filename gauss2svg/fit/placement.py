@@ -6,7 +6,6 @@ third of a second (docs/decisions/start.md).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,31 +16,10 @@ from gauss2svg.core import Kernel
 from gauss2svg.fit.target import Target
 from gauss2svg.without_scipy import smoothed
 
-# Variance of x within a pixel, a square with sides of 1 px, in px^2. The variance of y is the same.
-_PIXEL_VARIANCE = 1 / 12
-
-# The values of the constants from here on were chosen by measurements
-# (docs/decisions/placement.md).
-INITIAL_SIGMA = 0.3  # sigma of a Gaussian that `by_error` places, as a share of _Placer's spacing
+# The values of the constants were chosen by measurements (docs/decisions/placement.md).
 FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian with a learned falloff. The value hardly matters
-LEAST_NEW_SIGMA = (
-    0.8  # least sigma in px of a new Gaussian, before it is stretched in one direction
-)
-LEAST_MINOR = 0.6  # least minor semi-axis in px of a new Gaussian on a component
-# At an edge, `by_error` stretches a round Gaussian: along the edge it becomes longer by a factor of
-# up to e^ELONGATION, and across the edge it becomes narrower by the same factor.
-ELONGATION = 0.5
-# A pixel whose residual is below this share of the largest residual belongs to no component.
-REJECTED_SHARE = 0.2
-BINS = 4  # number of bins of equal width into which residuals are quantised
-LIVE_BINS = 8  # the same where the largest components are taken, as in LIVE
-# Largest ratio of the axes of a new Gaussian on a component. If all new Gaussians were round, the
-# PSNR would be lower, most of all in drawings.
-MOST_FIRST_ASPECT = 6.0
-# A pixel is covered too much if the render's alpha exceeds the target's alpha by more than this.
-# More Gaussians cannot repair such a pixel, so its residual is multiplied by COVERED_WEIGHT.
-TOO_COVERED = 0.03
-COVERED_WEIGHT = 0.3
+# Least sigma in px of a new Gaussian, before it is stretched in one direction.
+LEAST_NEW_SIGMA = 0.8
 
 
 class NewGaussians(NamedTuple):
@@ -109,8 +87,8 @@ class _Placer:
             # The residual over white minus the residual over black is the alpha of the render minus
             # the alpha of the target.
             surplus = (over_white - over_black).mean(axis=0)
-            too_covered = surplus > TOO_COVERED
-            self._residual *= np.where(too_covered, COVERED_WEIGHT, 1.0)
+            # More Gaussians cannot repair a pixel that is covered too much.
+            self._residual *= np.where(surplus > 0.03, 0.3, 1.0)
         self._color = self._residual if additive else target.source_color
         if (weight := target.visible_weight) is not None:
             self._residual = self._residual * np.sqrt(weight)
@@ -132,10 +110,8 @@ class _Placer:
         if not total[-1] > 0:  # the render equals the target, so any pixel is as good as another
             pixel = self._rng.integers(total.size, size=count)
         y, x = np.divmod(pixel, self._target.width)
-        sigma = max(self._spacing * INITIAL_SIGMA, LEAST_NEW_SIGMA)
-        along, coherence = self._target.edges
-        stretch = portable.exp(ELONGATION * coherence[y, x])
-        factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
+        sigma = np.full(count, max(self._spacing * 0.3, LEAST_NEW_SIGMA))
+        factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
     def by_component(self, count: int) -> NewGaussians:
@@ -151,22 +127,17 @@ class _Placer:
         stretched. Its direction and the ratio of its axes follow from the second moments of the
         component.
         """
-        if self._target.has_ground:
-            parts = self._components(count)
-        else:
-            parts = self._components(count, BINS, np.square(self._residual).sum(axis=0))
+        squares = None if self._target.has_ground else np.square(self._residual).sum(axis=0)
+        parts = self._components(count, 8 if squares is None else 4, squares)
         sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_NEW_SIGMA)
-        xx, xy, yy = parts.moments()
+        xx, xy, yy = parts.moments
         spread = portable.hypot(xx - yy, 2 * xy)
-        aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 2 * _PIXEL_VARIANCE))
-        stretch = np.sqrt(np.minimum(aspect, MOST_FIRST_ASPECT))
+        aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 1 / 6))
+        stretch = np.sqrt(np.minimum(aspect, 6.0))
         angle_rad = 0.5 * portable.arctan2(2 * xy, xx - yy)
-        minor = np.maximum(sigma / stretch, LEAST_MINOR)
-        return NewGaussians(
-            mean=parts.center() + 0.5,
-            factor=_oriented(sigma * stretch, minor, angle_rad),
-            color=np.stack([parts.means(c[parts.y, parts.x]) for c in self._color], axis=1),
-        )
+        minor = np.maximum(sigma / stretch, 0.6)
+        factor = _oriented(sigma * stretch, minor, angle_rad)
+        return NewGaussians(parts.center + 0.5, factor, parts.color)
 
     def as_in_live(self, count: int) -> NewGaussians:
         """Return up to `count` Gaussians, one on each of the largest components, as in the paper.
@@ -178,10 +149,9 @@ class _Placer:
         # In the paper, sigma is sqrt(A / (r s^2)) with r = 0.07, in units of s / 10 px. Times
         # s / 10, this is sqrt(A / (r 10^2)) px, so s cancels.
         sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_NEW_SIGMA)
-        center = parts.center()
-        x, y = np.round(center).astype(np.intp).T
+        x, y = np.round(parts.center).astype(np.intp).T
         factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
-        return NewGaussians(center + 0.5, factor, self._color_at(x, y))
+        return NewGaussians(parts.center + 0.5, factor, self._color_at(x, y))
 
     def at_random(self, count: int) -> NewGaussians:
         """Return Gaussians on random visible pixels.
@@ -205,21 +175,22 @@ class _Placer:
         return self._color[:, y, x].T.astype(np.float64)
 
     def _components(
-        self, count: int, bins: int = LIVE_BINS, weight: NDArray[np.floating] | None = None
+        self, count: int, bins: int = 8, weight: NDArray[np.floating] | None = None
     ) -> _Components:
         """Return the `count` heaviest components, or fewer if there are not so many.
 
         bins    number of bins into which residuals are quantised
         weight  (h, w) weight of each pixel. If it is None, each pixel weighs 1
 
-        The absolute residual of each pixel is summed over the channels. Pixels with small sums
-        belong to no component. The sums of the other pixels are sorted into bins of equal width
-        between 0 and the largest sum. A component is a connected set of pixels of the same bin.
+        The absolute residual of each pixel is summed over the channels. Pixels with sums below a
+        fifth of the largest belong to no component. The sums of the other pixels are sorted into
+        bins of equal width between 0 and the largest sum. A component is a connected set of pixels
+        of the same bin.
         """
         difference = np.abs(self._residual).sum(axis=0)
         largest = float(difference.max()) or 1.0
         levels = np.ceil(difference / largest * bins).astype(np.int32)
-        levels[difference < REJECTED_SHARE * largest] = 0
+        levels[difference < 0.2 * largest] = 0
         components = components_of(levels).ravel()
         area = np.bincount(components)
         weights = area if weight is None else np.bincount(components, weight.ravel())
@@ -229,44 +200,34 @@ class _Placer:
         rank[order] = np.arange(len(order))
         rank = rank[components]
         pixel = np.flatnonzero(rank >= 0)
+        rank, area = rank[pixel], area[order]
         y, x = np.divmod(pixel, self._target.width)
-        return _Components(area[order], rank[pixel], x, y)
+
+        def means(values: NDArray[np.number]) -> NDArray[np.float64]:
+            return np.bincount(rank, values, len(area)) / area
+
+        mx, my = means(x), means(y)
+        # 1 / 12 is the variance of x within a pixel.
+        xx, yy = means(x * x) - mx * mx + 1 / 12, means(y * y) - my * my + 1 / 12
+        color = np.stack([means(plane[y, x]) for plane in self._color], axis=1)
+        moments = xx, means(x * y) - mx * my, yy
+        return _Components(area, np.stack([mx, my], axis=1), moments, color)
 
 
-@dataclass(frozen=True)
-class _Components:
+class _Components(NamedTuple):
     """k components of a picture, sorted from the heaviest to the lightest.
 
-    Together they have p pixels, which the arrays rank, x and y list.
-
-    area  (k,) areas in px^2
-    rank  (p,) index of the component to which each pixel belongs, 0 for the heaviest component
-    x, y  (p,) column and row of each pixel
+    area     (k,) areas in px^2
+    center   (k, 2) mean column and mean row of the pixels
+    moments  central second moments xx, xy, yy (k,) in px^2. Pixels count as squares and not as
+             points, so no component is infinitely thin
+    color    (k, 3) mean colours
     """
 
     area: NDArray[np.intp]
-    rank: NDArray[np.intp]
-    x: NDArray[np.intp]
-    y: NDArray[np.intp]
-
-    def means(self, values: NDArray[np.number]) -> NDArray[np.float64]:
-        """Return the mean (k,) of `values` (p,) over the pixels of each component."""
-        return np.bincount(self.rank, values, len(self.area)) / self.area
-
-    def center(self) -> NDArray[np.float64]:
-        """Return the mean column and the mean row (k, 2) of the pixels of each component."""
-        return np.stack([self.means(self.x), self.means(self.y)], axis=1)
-
-    def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the central second moments xx, xy, yy (k,) of the components in px^2.
-
-        Pixels count as squares and not as points, so no component is infinitely thin.
-        """
-        x, y = self.x, self.y
-        mx, my = self.center().T
-        xx = self.means(x * x) - mx * mx + _PIXEL_VARIANCE
-        yy = self.means(y * y) - my * my + _PIXEL_VARIANCE
-        return xx, self.means(x * y) - mx * my, yy
+    center: NDArray[np.float64]
+    moments: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+    color: NDArray[np.float64]
 
 
 def _oriented(

@@ -11,15 +11,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from copy import copy
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.fit import DEFAULT_LOSS, FitConfig, FitOptions
-from gauss2svg.fit.colors import InkColors, SharedColors, best_colors
+from gauss2svg.fit import DEFAULT_LOSS, FitConfig
+from gauss2svg.fit.colors import InkColors, best_colors
 from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
 from gauss2svg.fit.schedule import reduction, refinement_reduction, totals
 from gauss2svg.fit.state import (
@@ -45,44 +44,29 @@ LEAST_OPACITY = 0.02
 # outlines miss of single pixels, which makes an enlarged drawing worse (docs/decisions/areas.md).
 LEAST_SIGMA_ABOVE_AREAS = 0.8
 INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new shape (docs/decisions/fit.md)
-RELOCATED = 0.08  # share of the Gaussians that a relocation moves (docs/decisions/fit.md)
-# A fit raises the exponent beta of a shape only if this lowers the loss enough: a unit of ln beta
-# must lower it by at least BETA_PRICE times the loss of the picture divided by the number of
-# Gaussians. So a shape stays a Gaussian if another exponent gains nothing (docs/decisions/fit.md).
-BETA_PRICE = 0.06
-# A shape whose opacity is above this value becomes opaque, because opaque shapes take fewer bytes
-# (docs/decisions/fit.md).
-OPAQUE_FROM = 0.953
-# A fit that starts with a scene moves its shapes along the optical flow from the scene to the
-# picture (docs/decisions/refine.md). The flow is computed on copies of both whose width and height
-# are divided by FLOW_REDUCTION. FLOW has options of optical_flow_ilk: `radius` is the radius in px
-# of the windows in which the flow is taken to be constant, and `num_warp` is the number of times
-# that the flow is refined.
-FLOW_REDUCTION = 2
-FLOW = {"radius": 15, "num_warp": 4}
 
 # A function that takes a scene and its PSNR in dB, and returns the scene as its file would hold it.
 AsWritten = Callable[[Scene, float], Scene]
-Backup = tuple[State, SharedColors | None]
 
 
 class Population:
     """The Gaussians of a fit, in px of the current target, with the methods that change them.
 
     photo    target of the photo at full size
-    shared   the colours that shapes share during the last steps. Before these steps it is None
+    shared   (n,) during the last steps, the same number for shapes that share a colour and an
+             exponent, else None. Shared colours take the step of the sum of their gradients, which
+             regains part of the PSNR that a palette of colours costs (docs/decisions/palette.md)
     """
 
     def __init__(self, photo: Target, config: FitConfig) -> None:
         self.config = config
         columns = columns_of(config.fit, config.opaque)
-        self._color_bounds = columns[COLOR][0, 1:]
         # Without a rate, the opacity keeps its first value.
         has_rate = columns[COLUMNS["opacity"], 0].all()
         self._first_raw_opacity = INITIAL_OPACITY_LOGIT if has_rate else OPAQUE_LOGIT
         self._first_raw_beta = FIRST_RAW_BETA if config.fit.learned_falloff else 0.0
         self.state = State.of(np.zeros((0, 2)), np.zeros((0, 3)), 0)
-        self.shared: SharedColors | None = None
+        self.shared: NDArray[np.intp] | None = None
         self.round_index = 0
         self.rng = np.random.default_rng(config.fit.seed)
         self._photo = self._whole = photo
@@ -165,29 +149,24 @@ class Population:
         options = self.config.fit
         return self.target.evaluate(splats, options.loss, options.ssim_weight)
 
-    def backup(self) -> Backup:
-        """Return copies of the state and of the shared colours, for a later call of `restore`."""
-        return self.state.copy(), copy(self.shared)
-
-    def restore(self, backup: Backup) -> None:
-        """Restore the state and the shared colours from a copy that `backup` returned."""
-        self.state, self.shared = backup[0].copy(), copy(backup[1])
-
     def step(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> bool:
         """Take an Adam step. Return whether the steps of all Gaussians were finite.
 
         rate: factor by which all learning rates are multiplied.
         """
-        price = BETA_PRICE * (evaluated.loss / max(len(self), 1))
+        # A shape stays a Gaussian if another exponent gains nothing: a unit of ln beta must lower
+        # the loss by 0.06 of a Gaussian's share of it (docs/decisions/fit.md).
+        price = 0.06 * (evaluated.loss / max(len(self), 1))
         most_sigma = float(max(self.target.width, self.target.height))
         shares = self.shared is not None
         columns = columns_of(self.config.fit, self.config.opaque, shares)
         moments = evaluated.moments
+        if self.shared is not None:
+            sums = [np.bincount(self.shared, column) for column in moments[:, COLOR].T]
+            moments[:, COLOR] = np.stack(sums, axis=1)[self.shared]
         finite = step(
             self.state, moments, splats, columns, most_sigma, price, rate, self._least_sigma
         )
-        if finite and self.shared is not None:
-            self.shared.step(self.state, moments, rate)
         self._with_crisp_rims(self.state)
         return finite
 
@@ -228,9 +207,32 @@ class Population:
         return refinement_reduction(done, len(self), self._whole.width, self._whole.height)
 
     def adopt(self, scene: Scene) -> None:
-        """Convert an additive scene to alpha-composited Gaussians, with which the fit begins."""
-        self.state = composited(scene, self.target, self.config.fit)
-        self.round_index = int(self.state.round_index.max(initial=0))
+        """Convert an additive scene to alpha-composited Gaussians, with which the fit begins.
+
+        Gaussians whose mean lies on an invisible pixel of the target are left out. The others are
+        sorted from the largest, which is at the bottom, to the smallest. They get new round numbers
+        in this order: the largest ones belong to the first round.
+        """
+        target = self.target
+        width, height = target.width, target.height
+        scene = scene.scaled(width / scene.width, height / scene.height)
+        order = np.argsort(-scene.sigma.prod(axis=1) * np.sqrt(1 - scene.rho**2), kind="stable")
+        x, y = np.clip(scene.mean[order].astype(np.intp), 0, [width - 1, height - 1]).T
+        if target.visible is not None:
+            visible = target.visible[y, x]
+            order, x, y = order[visible], x[visible], y[visible]
+        self.state = state = State.of(
+            scene.mean[order],
+            scene.cholesky[order],
+            0,
+            raw_opacity=target.opacity_logits(scene.mean[order], INITIAL_OPACITY_LOGIT),
+            color=target.source_color[:, y, x].T.astype(np.float64),
+            raw_beta=self._first_raw_beta,
+        )
+        rounds = totals("exponential", len(order), None)[:-1]
+        index = np.searchsorted(rounds, np.arange(len(order)), side="right")
+        state.round_index = index.astype(np.int32)
+        self.round_index = int(index.max(initial=0))
 
     def begin_with(self, scene: Scene) -> None:
         """Begin with the shapes of a scene, scaled to the size of the target.
@@ -240,7 +242,7 @@ class Population:
         """
         from skimage.registration import optical_flow_ilk  # slow to import, seldom needed
 
-        target, small = self.target, self._whole.reduced(FLOW_REDUCTION)
+        target, small = self.target, self._whole.reduced(2)
         if self.inks is None and not (scene.transparent or target.is_transparent):
             self.background = np.round(scene.background * 255) / 255
         self.round_index = int(scene.round_index.max(initial=0))
@@ -252,7 +254,7 @@ class Population:
         # optical_flow_ilk needs at least two rows and two columns. So the last row and the last
         # column are repeated.
         grey = (np.pad(picture.mean(axis=0), (0, 1), "edge") for picture in pictures)
-        flow = optical_flow_ilk(*grey, **FLOW)
+        flow = optical_flow_ilk(*grey, radius=15, num_warp=4)  # docs/decisions/refine.md
         x, y = np.clip(state.mean.astype(np.intp), 0, np.array(size) - 1).T
         moved = dataclasses.replace(state, mean=state.mean + flow[::-1, y, x].T)
         factors = target.width / size[0], target.height / size[1]
@@ -268,29 +270,32 @@ class Population:
         """
         surplus = len(self) - count
         if surplus > 0:
-            _, cost = self.target.removal_cost(self.splats())
-            keep = np.argsort(cost[:, 0], kind="stable")[surplus:]
-            self.state = self.state.select(np.sort(keep))
+            self._remove(surplus)
             if self.shared is not None:
-                self.shared = SharedColors.of(self.state, self._color_bounds)
+                self._share()
         elif surplus < 0:
             self._add(self.rendered(), -surplus, count)
 
     def relocate(self) -> bool:
         """Move the least useful Gaussians to where the error is large. Return whether any moved."""
-        rendered, cost = self.target.removal_cost(self.splats())
         total = len(self)
-        count = int(RELOCATED * total)
+        count = int(0.08 * total)  # docs/decisions/fit.md
         if not count:
             return False
-        keep = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
-        self.state = self.state.select(keep)
+        rendered = self._remove(count)
         # With additive blending, removing several Gaussians may raise the error by more than the
         # sum of their costs, so the remaining Gaussians are rendered anew.
         if self.config.fit.blend == ADD:
             rendered = self.rendered()
         self._add(rendered, count, total)
         return True
+
+    def _remove(self, count: int) -> NDArray[np.floating]:
+        """Remove the `count` least useful Gaussians. Return the render with them."""
+        rendered, cost = self.target.removal_cost(self.splats())
+        keep = np.argsort(cost[:, 0], kind="stable")[count:]
+        self.state = self.state.select(np.sort(keep))
+        return rendered
 
     def prune(self, least: float) -> None:
         """Remove each Gaussian that raises the weighted PSNR by at most `least` dB.
@@ -322,21 +327,27 @@ class Population:
     def quantize(self, as_written: AsWritten, psnr: float) -> None:
         """Give the Gaussians the values that the file will hold, before the last steps of the fit.
 
-        Opacities above OPAQUE_FROM become 1, and exponents and colours become those of the file.
-        From here on, shapes share the colours of the file, except in a fit to inks.
+        Opacities above 0.953 become 1, because opaque shapes take fewer bytes
+        (docs/decisions/fit.md), and exponents and colours become those of the file. From here on,
+        shapes share the colours of the file, except in a fit to inks.
 
         as_written  function that returns the scene as its file would hold it
         psnr        PSNR of the present scene in dB, which `as_written` needs
         """
-        least = portable.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
+        least = portable.log(0.953 / (1 - 0.953))
         self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
         written = as_written(self.scene(), psnr)
-        written = written.select(
-            slice(len(written) - len(self), None)
-        )  # those of the ground are first
+        # The shapes of the ground are first.
+        written = written.select(slice(len(written) - len(self), None))
         self.state = self._with_crisp_rims(self.state.quantized(written))
         if self.inks is None:
-            self.shared = SharedColors.of(self.state, self._color_bounds)
+            self._share()
+
+    def _share(self) -> None:
+        """Let shapes of the same colour and exponent share them from now on."""
+        keys = np.column_stack([self.state.color, self.state.raw_beta])
+        self.shared = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+        self.state.age[:] = self.state.age.max(initial=0)  # so that all take the same step
 
     def soften(self) -> None:
         """Undo the limits that `quantize` has set, so that the fit can be continued.
@@ -348,27 +359,25 @@ class Population:
             self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
             self.state.drawn[:] = SOFT
 
-    def exchange(self, choices: SharedColors | InkColors | None) -> None:
-        """Let each shape change to its best shared colour or ink, if this lowers the total error.
+    def exchange_inks(self, inks: InkColors) -> None:
+        """Let each shape change to its best ink, if this lowers the total error.
 
         Shapes that overlap and change together may overshoot, so that the error rises. In this case
         only a random half of the shapes change. If the error rises even then, no shape changes.
         """
-        if choices is None or not len(self):
+        if not len(self):
             return
-        current = choices.current(self.state)
-        splats = self.splats()
+        current, splats = self.state.color, self.splats()
         rendered, cost = self.target.removal_cost(splats)
         before = self.target.weighted_squares(rendered)
         moments = self.target.evaluate(splats, DEFAULT_LOSS, None).moments
-        best = choices.nearest(best_colors(self.state, moments, cost[:, 1]), self.state)
-        changes = self.rng.random(len(current)) < 0.5
-        half = np.where(changes if current.ndim == 1 else changes[:, None], best, current)
-        for choice in (best, half):
-            choices.assign(self.state, choice)
+        best = inks.nearest(best_colors(self.state, moments, cost[:, 1]))
+        changes = self.rng.random((len(current), 1)) < 0.5
+        for color in (best, np.where(changes, best, current)):
+            self.state.color = color
             if self.target.weighted_squares(self.rendered()) < before:
                 return
-        choices.assign(self.state, current)
+        self.state.color = current
 
     def _with_crisp_rims(self, state: State) -> State:
         """In a fit to inks, set the exponents of `state` so that rims are crisp. Return `state`."""
@@ -416,32 +425,3 @@ class Population:
         total = target.rendered(alone.splats(np.zeros(3), ADD))[0]
         x, y = np.clip(new.mean.astype(np.intp), 0, [target.width - 1, target.height - 1]).T
         return np.maximum(total[y, x].astype(np.float64), 1.0)
-
-
-def composited(scene: Scene, target: Target, options: FitOptions) -> State:
-    """Return an additive scene as the state with which an alpha-composited fit begins.
-
-    `target` and `options` are those of the fit. Gaussians whose mean lies on an invisible pixel of
-    the target are left out. The others are sorted from the largest, which is at the bottom, to the
-    smallest. They get new round numbers in this order: the largest ones belong to the first round.
-    """
-    height, width = target.height, target.width
-    scene = scene.scaled(width / scene.width, height / scene.height)
-    order = np.argsort(-scene.sigma.prod(axis=1) * np.sqrt(1 - scene.rho**2), kind="stable")
-    mean, factor = scene.mean[order], scene.cholesky[order]
-    x, y = np.clip(mean.astype(np.intp), 0, [width - 1, height - 1]).T
-    if target.visible is not None:
-        visible = target.visible[y, x]
-        mean, factor, x, y = mean[visible], factor[visible], x[visible], y[visible]
-    count = len(mean)
-    state = State.of(
-        mean,
-        factor,
-        0,
-        raw_opacity=target.opacity_logits(mean, INITIAL_OPACITY_LOGIT),
-        color=target.source_color[:, y, x].T.astype(np.float64),
-        raw_beta=FIRST_RAW_BETA if options.learned_falloff else 0.0,
-    )
-    rounds = totals("exponential", count, None)[:-1]
-    state.round_index = np.searchsorted(rounds, np.arange(count), side="right").astype(np.int32)
-    return state

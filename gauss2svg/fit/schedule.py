@@ -12,40 +12,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-# Constants of a fit's schedule (docs/decisions/fit.md).
-# Number of rounds of growth. Any number from 4 to 20 gives the same PSNR to within 0.1 dB.
+# Number of rounds of growth. Any number from 4 to 20 gives the same PSNR to within 0.1 dB
+# (docs/decisions/fit.md).
 ROUNDS = 6
-GROWTH_SHARE = 0.3  # progress at which all Gaussians have been added
-DECAY_START = 0.75  # progress at which the learning rate begins to fall along a cosine
-LAST_RATE = 0.02  # learning rate at the end, as a share of the full learning rate
-# Progress at which the shapes get the exponents and colours that they will have in the file. If
-# they got them earlier, the picture would be worse.
-QUANTIZED_FROM = 0.85
-# A target is reduced only if the reduced target has at least this many pixels per Gaussian. Reduced
-# targets save a fifth of the pixel-Gaussian pairs without a loss of PSNR.
-PIXELS_PER_GAUSSIAN = 36
-# The constants from here to EXTENDED are for fits of few Gaussians, whose refinement begins on
-# reduced targets (docs/decisions/few.md).
-FULL_FROM = 0.55  # progress from which targets have their full size
-# Before this progress, targets have a fourth of the full width and of the full height. From this
-# progress to FULL_FROM, they have half of the full width and of the full height.
-HALF_FROM = 0.45
-# Refinement reduces a target only if the shorter side of the reduced target has at least this many
-# px. Steps on even smaller targets would take no less time.
-SMALLEST_REFINED_SIDE = 128
-REDUCED_STEPS = 0.72  # share of the steps of refinement that run on reduced targets
-# If a deadline ends the fit, refinement spends this share of its time on steps on reduced targets
-# (docs/decisions/time.md).
-REDUCED_TIME = 0.4
-# If refinement begins on reduced targets, the preset's number of steps is multiplied by this
-# factor, because steps on reduced targets take less time.
-EXTENDED = 2
-RELOCATE_FROM = 0.2  # progress at which relocation begins
-RELOCATE_UNTIL = 0.75  # progress at which relocation ends
-RELOCATE_EVERY = 10  # number of steps from one relocation to the next
-# In a long fit, relocations are less frequent: the number of steps from one to the next is at least
-# this share of the number of all steps (docs/decisions/time.md).
-RELOCATE_SHARE = 0.05
+GROWTH_SHARE = 0.3  # progress at which all Gaussians have been added (docs/decisions/fit.md)
+# Progress at which the learning rate begins to fall along a cosine, and relocation ends
+# (docs/decisions/fit.md).
+DECAY_START = 0.75
+FULL_FROM = 0.55  # progress from which targets have their full size (docs/decisions/few.md)
 
 
 def totals(
@@ -90,18 +64,22 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
 
     done: progress in 0..1.
 
-    The number is at most 4 before HALF_FROM, 2 until FULL_FROM, and 1 from FULL_FROM on.
+    The number is at most 4 before a progress of 0.45, 2 until FULL_FROM, and 1 from FULL_FROM on.
+    Steps on targets of less than 128 px a side would take no less time.
     """
-    largest = 4 if done < HALF_FROM else 2 if done < FULL_FROM else 1
-    return _divisor(gaussians, width, height, largest, SMALLEST_REFINED_SIDE)
+    largest = 4 if done < 0.45 else 2 if done < FULL_FROM else 1
+    return _divisor(gaussians, width, height, largest, least_side=128)
 
 
 def _divisor(gaussians: int, width: int, height: int, largest: int, least_side: int) -> int:
-    """Return the largest divisor that leaves PIXELS_PER_GAUSSIAN and a side of least_side px."""
+    """Return the largest divisor that leaves 36 pixels a Gaussian and a side of least_side px.
+
+    Such targets save a fifth of the pixel-Gaussian pairs without a loss of PSNR.
+    """
     factor = 1
     while (
         factor < largest
-        and width * height / (4 * factor**2 * max(gaussians, 1)) >= PIXELS_PER_GAUSSIAN
+        and width * height / (4 * factor**2 * max(gaussians, 1)) >= 36
         and min(width, height) / (2 * factor) >= least_side
     ):
         factor *= 2
@@ -111,31 +89,23 @@ def _divisor(gaussians: int, width: int, height: int, largest: int, least_side: 
 def relocates(done: float, iteration: int, rarely: bool = False) -> bool:
     """Return whether Gaussians are relocated before step `iteration`, at progress `done` in 0..1.
 
-    rarely: whether RELOCATE_SHARE limits how often relocations occur.
+    rarely: whether the number of steps from one relocation to the next is at least a twentieth of
+    the number of all steps, as long fits need it (docs/decisions/time.md).
     """
-    every = RELOCATE_EVERY
-    if rarely and done > RELOCATE_FROM:
-        every = max(every, int(RELOCATE_SHARE * iteration / done))
-    return RELOCATE_FROM < done < RELOCATE_UNTIL and iteration % every == 0
+    every = max(10, int(0.05 * iteration / done)) if rarely and done > 0 else 10
+    return 0.2 < done < DECAY_START and iteration % every == 0
 
 
 def rate(done: float) -> float:
-    """Return the factor in LAST_RATE..1 by which the learning rate is multiplied.
+    """Return the factor in 0.02..1 by which the learning rate is multiplied.
 
     done: progress in 0..1.
     """
     from gauss2svg import portable  # imported here because --help does not load NumPy
 
-    start = DECAY_START
-    if done < start:
+    if done < DECAY_START:
         return 1.0
-    fall = 0.5 * (1 + portable.cos(math.pi * (done - start) / (1 - start)))
-    return max(LAST_RATE, fall)
-
-
-# If only the time limits the fit, a round of growth takes at most this many steps. The time that is
-# left is of more use in refinement, when all Gaussians have been added (docs/decisions/time.md).
-MOST_STEPS_A_ROUND = 30
+    return max(0.02, 0.5 * (1 + portable.cos(math.pi * (done - DECAY_START) / (1 - DECAY_START))))
 
 
 class Clock:
@@ -187,11 +157,12 @@ class Clock:
 
     def round_is_over(self, index: int) -> bool:
         """Return whether round `index` (0, 1, ...) of growth has used up its steps or its time."""
-        growth = GROWTH_SHARE
-        steps = (self._round_iterations or MOST_STEPS_A_ROUND) * (index + 1)
+        # If only the time limits the fit, the time that 30 steps a round leave is of more use in
+        # refinement (docs/decisions/time.md).
+        steps = (self._round_iterations or 30) * (index + 1)
         if self._round_iterations is None and self.iterations is not None:
-            steps = int(self.iterations * growth) * (index + 1) // self._rounds
-        late = self._share_of_time(0.0) >= growth * (index + 1) / self._rounds
+            steps = int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds
+        late = self._share_of_time(0.0) >= GROWTH_SHARE * (index + 1) / self._rounds
         return self.iteration >= steps or late or self.stopped
 
     @property
@@ -243,14 +214,13 @@ class Clock:
         if not self._reduced:
             self.out_of_time = by_time > by_steps
             return self._start + (1 - self._start) * min(max(by_steps, by_time), 1.0)
-        # A fraction REDUCED_STEPS of the steps runs on reduced pictures. These steps take a
-        # fraction REDUCED_TIME of the time.
-        until = FULL_FROM
+        # 72 % of the steps run on reduced pictures. They take 40 % of the time
+        # (docs/decisions/few.md, docs/decisions/time.md).
         steps, seconds = (
-            self._start + (until - self._start) * share / reduced
+            self._start + (FULL_FROM - self._start) * share / reduced
             if share < reduced
-            else 1 - (1 - until) * (1 - share) / (1 - reduced)
-            for share, reduced in ((by_steps, REDUCED_STEPS), (by_time, REDUCED_TIME))
+            else 1 - (1 - FULL_FROM) * (1 - share) / (1 - reduced)
+            for share, reduced in ((by_steps, 0.72), (by_time, 0.4))
         )
         self.out_of_time = seconds > steps
         return min(max(steps, seconds), 1.0)

@@ -6,8 +6,7 @@
     0.45, 0.55         a fit of few Gaussians changes to a larger target
     0.45, 0.55, 0.65   the policy may change the number of Gaussians
     0.75               Gaussians that gain too little are pruned
-    0.85               exponents and colours become those of the file
-    0.855 to 0.935     shapes exchange their colours
+    0.85               exponents and colours become those of the file. Earlier it would be worse
 
 When the target, the number of Gaussians or the exponents change, losses before the change cannot be
 compared with losses after it. So `FitSession` restores the best state just before such an event,
@@ -29,6 +28,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -44,19 +44,6 @@ from gauss2svg.photo.pixels import psnr_of
 from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import ADD, OVER, Scene
-
-# Values of the progress at which shapes may exchange their colours. There is no later exchange,
-# because hardly any shape would still change its colour.
-_EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
-# Number of steps between two exchanges of inks. Exchanges every 10 steps give no better fits
-# (docs/decisions/inks.md).
-INKS_EXCHANGED_EVERY = 20
-# When the number of Gaussians of a finished fit is changed, the fit resumes at this progress. It is
-# early enough for some more relocations and for the whole decay of the learning rate.
-RESUME_AT = 0.6
-# In refinement, the error varies from step to step. So a policy does not see the PSNR of the last
-# step, but the PSNR of the error averaged over the last STEPS_AVERAGED steps.
-STEPS_AVERAGED = 5
 
 # Reasons why growth or the whole fit ended:
 # iterations   all steps are done
@@ -74,9 +61,11 @@ STOP_REASONS = (
     "iterations", "gaussians", "gain", "enough", "cap", "start", "max_bytes", "time_limit",
     "interrupted",
 )  # fmt: skip
-LEAST_REFINED = 0.05  # dB. To quantise refined shapes again may cost nearly as much
 # Progress in refinement at which a policy may change the number of Gaussians.
 ADJUST_AT = (0.45, 0.55, 0.65)
+# Mean squared error (50 dB) up to which no step counts as diverged, and no Gaussian is relocated
+# (docs/decisions/divergence.md).
+NEGLIGIBLE = 1e-5
 # Progress at which an action of a fit is due, and the action.
 _Event = tuple[float, Callable[[], None]]
 
@@ -142,35 +131,11 @@ class DensificationPolicy:
         return now.count
 
 
-# Conditions under which a fit has diverged (docs/decisions/divergence.md).
-# No step counts as diverged if the mean squared error is at most this value (50 dB).
-NEGLIGIBLE = 1e-5
-# A fit has diverged if its loss exceeds this multiple of the recent least loss. This is the least
-# loss since the latest of three events: a reset of the guard, a relocation, or a rollback.
-DIVERGED = 2.0
-# A fit has also diverged if its loss exceeds STALLED times the least loss, and if more than
-# STALLED_STEPS steps have passed since it had the least loss.
-STALLED = 1.5
-STALLED_STEPS = 25
-# A stage has diverged at its end if its last loss exceeds this multiple of its least loss.
-WORSE_AT_END = 1.2
-# Constants for the learning rate after a rollback (docs/decisions/divergence.md). A rollback lowers
-# the rate, and also the ceiling up to which the rate can grow again.
-CEILING_SHARE = 0.5  # new ceiling, as a share of the rate at which the fit diverged
-# This value replaces CEILING_SHARE if the fit diverges again less than AGAIN steps after a
-# rollback.
-CEILING_SHARE_AGAIN = 0.1
-AGAIN = 3
-# The rate after a rollback, as a share of the ceiling. From there the rate grows to the ceiling, so
-# one bad step among many good ones costs little.
-LOWERED = 0.5
-GROWTH = 1.1  # factor by which each step raises the rate, up to the ceiling
-# If a finished fit or a scene is refined, the rate begins at this share of the ceiling or below it.
-GENTLE = 0.25
-
-
 class DivergenceGuard:
     """A guard that keeps a fit's best state, and lowers the learning rate if the fit diverges.
+
+    A fit has diverged if its loss is not finite, or is twice the least loss since the latest of
+    three events: a reset, a relocation, or a rollback (docs/decisions/divergence.md).
 
     learning_rate  FitOptions.learning_rate
     rate           factor, at most 1, by which learning_rate is multiplied at present
@@ -185,27 +150,25 @@ class DivergenceGuard:
         self._default_rate = min(1 / learning_rate, 1.0)
         self.rate = self._ceiling = 1.0
         self.rollbacks = 0
-        self._steps_since_rollback = 0
         self.reset()
 
     def reset(self) -> None:
-        """Forget the best state, because the problem has changed. Raise the ceiling of the rate.
+        """Forget the best state, because the problem has changed. Double the ceiling of the rate.
 
-        The ceiling is divided by CEILING_SHARE. But it never rises above the rate that gives steps
-        of the same size as the default learning_rate gives.
+        But the ceiling never rises above the rate that gives steps of the same size as the default
+        learning_rate gives.
         """
-        self._ceiling = max(self._ceiling, min(self._ceiling / CEILING_SHARE, self._default_rate))
+        self._ceiling = max(self._ceiling, min(self._ceiling * 2, self._default_rate))
         self.best: Any = None
         self.least = self._recent_least = math.inf
-        self._steps_since_best = 0
 
     def begin_gently(self) -> None:
-        """Lower the rate to at most GENTLE times its ceiling.
+        """Lower the rate to at most a quarter of its ceiling.
 
         The drawing is nearly exact already, so full steps would spoil it. The next steps raise the
         rate again.
         """
-        self.rate = min(self.rate, GENTLE * self._ceiling)
+        self.rate = min(self.rate, 0.25 * self._ceiling)
 
     def allow_rise(self) -> None:
         """Forget the recent least loss, because a relocation may raise the loss for a while."""
@@ -217,51 +180,25 @@ class DivergenceGuard:
         A step is not sound if the fit has diverged. If the step is sound, raise the rate. If its
         loss is also the least so far, keep the copy of the state that backup() returns.
         """
-        if not math.isfinite(loss):
-            return False
-        self._steps_since_best += 1
-        self._steps_since_rollback += 1
-        stalled = loss > STALLED * self.least and self._steps_since_best > STALLED_STEPS
-        if error > NEGLIGIBLE and (loss > DIVERGED * self._recent_least or stalled):
+        if not math.isfinite(loss) or (error > NEGLIGIBLE and loss > 2 * self._recent_least):
             return False
         self._recent_least = min(self._recent_least, loss)
-        self.rate = min(self.rate * GROWTH, self._ceiling)
+        self.rate = min(self.rate * 1.1, self._ceiling)
         if loss < self.least:
-            self.best, self.least, self._steps_since_best = backup(), loss, 0
+            self.best, self.least = backup(), loss
         return True
 
-    def ends_worse(self, loss: float, tolerant: bool) -> bool:
-        """Return whether a stage that ends with this loss should return to its best state.
-
-        The stage should return to it if it has diverged, that is, if the loss is above WORSE_AT_END
-        times the least loss. If `tolerant` is False, it should return even if the loss is only a
-        little above the least loss.
-
-        If the stage has diverged, a rollback is counted, which lowers the rate. This is not done if
-        learning_rate is at most 1 and the fit has never been rolled back.
-        """
-        diverged = not loss <= WORSE_AT_END * self.least
-        if diverged and (self._default_rate < 1 or self.rollbacks > 0):
-            self.roll_back()
-        if tolerant:
-            return diverged
-        # If the stage ends in its best state, `loss` and `least` are sums of the same terms. But
-        # the terms may be added in different orders, so that the sums differ slightly. The factor
-        # allows for such rounding errors. If tiles were left out, `least` may also be off by 0.1 %.
-        return not loss <= self.least * (1 + 1e-6)
-
     def roll_back(self) -> None:
-        """Count a rollback, and lower the rate and its ceiling."""
+        """Count a rollback, and lower the rate and its ceiling.
+
+        From half of the ceiling the rate grows to it, so one bad step among many good ones costs
+        little. A rate above the default rate falls to it.
+        """
         self.rollbacks += 1
-        again = self._steps_since_rollback < AGAIN
-        share = CEILING_SHARE_AGAIN if again and self.rollbacks > 1 else CEILING_SHARE
-        # Usually the new ceiling is `share` times the present rate. If the present rate is far
-        # above the default rate, this would still be too high. In this case the new ceiling is the
-        # geometric mean of the two rates, which is lower.
-        self._ceiling = min(self.rate * share, math.sqrt(self.rate * self._default_rate))
-        self._steps_since_rollback = 0
-        self.rate = self._ceiling * LOWERED
-        self._recent_least, self._steps_since_best = math.inf, 0
+        is_large = self.rate > self._default_rate
+        self._ceiling = self._default_rate if is_large else self.rate / 2
+        self.rate = self._ceiling / 2
+        self._recent_least = math.inf
 
 
 class FitSession:
@@ -301,23 +238,12 @@ class FitSession:
         self.pixel_pairs = 0
         self.wall_s = self.cpu_s = 0.0
         self._progress, self._as_written = progress or (lambda _: None), as_written
-        self._errors: deque[float] = deque(maxlen=STEPS_AVERAGED)
+        self._error = math.inf  # mean squared error of the last sound step
 
     @property
     def state(self) -> State:
         """The Gaussians, in px of the current target."""
         return self.population.state
-
-    @property
-    def psnr(self) -> float:
-        """PSNR in dB of the mean error of the last steps.
-
-        If there was no step yet, or if the target is reduced, it is the PSNR of a new render at
-        full size instead.
-        """
-        if not self._errors or self.population.reduction > 1:
-            return self.population.psnr()
-        return psnr_of(float(np.mean(self._errors)))
 
     def fit(self) -> None:
         """Grow and refine until the policy or the clock ends the fit."""
@@ -341,7 +267,8 @@ class FitSession:
         with self._timed():
             self.population.densify_or_prune(count)
             self.population.soften()
-            self._refine(iterations, RESUME_AT, [], gently=True)
+            # From 0.6 on there is time for some relocations, and for the whole decay of the rate.
+            self._refine(iterations, 0.6, [], gently=True)
 
     def begin_with(self, scene: Scene) -> None:
         """Begin with the shapes of an alpha-composited scene. Call `refine` afterwards."""
@@ -352,14 +279,14 @@ class FitSession:
         """Let `resize` refine the shapes with which the fit has begun.
 
         `resize` changes their number to `count` and takes `iterations` steps. If this gains less
-        than LEAST_REFINED dB, it is undone, unless there were more than `count` shapes before or
+        than 0.05 dB, it is undone, unless there were more than `count` shapes before or
         `keeps` is False.
         """
         population = self.population
-        before, psnr = population.backup(), population.psnr()
+        before, psnr = population.state.copy(), population.psnr()
         self.resize(count, iterations)
-        if keeps and len(before[0]) <= count and population.psnr() - psnr < LEAST_REFINED:
-            population.restore(before)
+        if keeps and len(before) <= count and population.psnr() - psnr < 0.05:
+            population.state = before
 
     def adopt(self, scene: Scene, count: int) -> None:
         """Begin with the Gaussians of an additive scene, as alpha-composited shapes.
@@ -431,23 +358,18 @@ class FitSession:
         if not len(population):
             return
         self.clock.begin_refinement(steps, start, population.reduction_at(start) > 1)
-        self._errors.clear()
         self.guard.reset()
         if gently:
             self.guard.begin_gently()
         population.shared, self._quantized = None, False
-        sizes = (0.0, schedule.HALF_FROM, schedule.FULL_FROM, schedule.QUANTIZED_FROM)
-        remaining: list[_Event] = [(at, self._change_size) for at in sizes]
-        remaining += [*events, (schedule.QUANTIZED_FROM, self._quantize)]
-        remaining += [(at, self._exchange) for at in _EXCHANGES]
+        sizes = [(at, self._change_size) for at in (0.0, 0.45, schedule.FULL_FROM)]
+        due: list[_Event] = [*sizes, *events, (0.85, self._quantize)]
+        remaining = deque(sorted(due, key=itemgetter(0)))
         self._done = start
         while (done := self.clock.refinement_progress()) < 1:
             self._done = done
-            # Two due events may have the same action. fromkeys leaves out duplicates, so that the
-            # action is done only once.
-            for do in dict.fromkeys(do for at, do in remaining if at <= done):
-                do()
-            remaining = [(at, do) for at, do in remaining if at > done]
+            while remaining and remaining[0][0] <= done:
+                remaining.popleft()[1]()
             self._step(done)
         self._done = 1.0
         # These two are done even if the fit ends before their progress.
@@ -475,7 +397,6 @@ class FitSession:
         if factor != self.population.reduction:
             with self._changing():
                 self.population.reduce_to(factor, scale_moments=True)
-                self._errors.clear()
 
     def _adjust(self) -> None:
         count = self.policy.adjust(self._snapshot())
@@ -498,21 +419,18 @@ class FitSession:
             self.prune_to(self.policy.max_count(self._snapshot(), False))
             if self._as_written is not None and len(self.state):
                 with self.clock.paused():
-                    self.population.quantize(self._as_written, self.psnr)
+                    self.population.quantize(self._as_written, self.population.psnr())
                     self.prune_to(self.policy.max_count(self._snapshot(), True))
             self._quantized = True
 
-    def _exchange(self) -> None:
-        self.population.exchange(self.population.shared)
-
     def _snapshot(self) -> Snapshot:
-        return Snapshot(len(self.state), self._done, lambda: self.psnr, self.population.scene)
+        return Snapshot(len(self.state), self._done, self.population.psnr, self.population.scene)
 
     def _restore_best(self, tolerant: bool = False) -> None:
         """Restore the best state of a stage if its last state is worse.
 
-        tolerant: whether the last state is kept if its loss is at most WORSE_AT_END times the least
-        loss, because recent relocations may still improve the picture.
+        tolerant: whether the last state is kept if its loss is at most 1.2 times the least loss,
+        because recent relocations may still improve the picture.
         """
         population, best = self.population, self.guard.best
         if not len(population) or best is None:
@@ -524,8 +442,9 @@ class FitSession:
             loss = 0.5 * error * population.target.planar.size
         else:
             loss = population.evaluate(population.splats()).loss
-        if self.guard.ends_worse(loss, tolerant):
-            population.restore(best)
+        # Sums of the same terms in another order differ slightly.
+        if not loss <= self.guard.least * (1.2 if tolerant else 1 + 1e-6):
+            population.state = best.copy()
 
     def _step(self, done: float) -> None:
         """Take a step, or roll back if the fit has diverged. Then report the progress.
@@ -534,16 +453,20 @@ class FitSession:
         """
         population, guard = self.population, self.guard
         is_due = schedule.relocates(done, self.clock.iteration, self.config.relocate_rarely)
-        is_due = is_due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
-        if is_due and self.config.densify.relocate and population.relocate():
+        if (
+            is_due
+            and self._error > NEGLIGIBLE
+            and self.config.densify.relocate
+            and population.relocate()
+        ):
             guard.allow_rise()
-        if self.clock.iteration % INKS_EXCHANGED_EVERY == 0:
-            population.exchange(population.inks)
+        if population.inks is not None and self.clock.iteration % 20 == 0:
+            population.exchange_inks(population.inks)
         splats = population.splats()
         evaluated = population.evaluate(splats)
-        is_sound = guard.observe(evaluated.loss, evaluated.error, population.backup)
+        is_sound = guard.observe(evaluated.loss, evaluated.error, population.state.copy)
         if is_sound:
-            self._errors.append(population.error_of(evaluated))
+            self._error = population.error_of(evaluated)
             # At an error of 1e-12 (120 dB), even the worst pixel of a picture of a million pixels
             # is off by less than half a level of 255. Adam would still take full steps, which could
             # make the fit worse. So no step is taken.
@@ -553,7 +476,7 @@ class FitSession:
         if not is_sound:
             guard.roll_back()
             if guard.best is not None:
-                population.restore(guard.best)
+                population.state = guard.best.copy()
         self.pixel_pairs += evaluated.pairs
         self.clock.iteration += 1
         elapsed = self.clock.elapsed_s
@@ -563,7 +486,7 @@ class FitSession:
                 iteration=self.clock.iteration,
                 done=done,
                 gaussians=len(population),
-                psnr=psnr_of(self._errors[-1]) if self._errors else self.psnr,
+                psnr=psnr_of(self._error),
                 elapsed_s=elapsed,
                 remaining_s=elapsed / max(done, 0.01) * (1 - done),
                 scene=population.scene,

@@ -2,12 +2,12 @@
 
 Each pixel has a weight w, which says how much an error there counts. If the target is tuned for
 perception, w is (1 + min(v, m) / c^2)^-g, divided by its mean over the picture. v is the local
-variance of luma, and m is a hundred times the median of v, clipped to 0.025..0.04. So errors count
+variance of luma, and m is 0.03. So errors count
 less in texture, which hides them, than on smooth areas, where they are visible. This is visual
 masking (Daly, "The Visible Differences Predictor", 1993). The bound m keeps the weight of crisp
 edges from becoming too small in drawings, half of which is flat.
 
-If the target is tuned for PSNR, w is larger on flat areas, up to 1 + FLAT, and nearly 1 elsewhere.
+If the target is tuned for PSNR, w is larger on flat areas, up to 9, and nearly 1 elsewhere.
 On a flat area, a streak of two levels is visible, although it hardly changes the squared error.
 docs/decisions/perceptual.md says how much both kinds of weights improve pictures.
 
@@ -17,8 +17,9 @@ then means that are weighted by the mask.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from functools import cached_property, reduce
+from functools import reduce
 from operator import add
 from typing import Any, NamedTuple
 
@@ -158,20 +159,6 @@ class Target:
         """Whether no pixel of the target is visible."""
         return self.visible is not None and not self.visible.any()
 
-    @cached_property
-    def edges(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Direction (h, w) in rad in which the image changes least, and its coherence (h, w).
-
-        The coherence is in 0..1, and 1 where all edges nearby have one direction. Both arrays are
-        computed from the structure tensor, the smoothed products of the gradient's components.
-        """
-        by_view = [slopes(planar.mean(axis=0)) for planar, _ in self._views]
-        products = [(gx * gx, gy * gy, gx * gy) for gx, gy in by_view]
-        jxx, jyy, jxy = (smoothed(reduce(add, parts), 2.0) for parts in zip(*products, strict=True))
-        along = 0.5 * portable.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
-        coherence = portable.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
-        return along.astype(np.float32), coherence.astype(np.float32)
-
     def _over(self, splats: Splats, backdrop: float | None) -> Splats:
         """Return the splats over the ground, if there is one, and over a grey level if given."""
         if self._grounds:
@@ -197,12 +184,11 @@ class Target:
         real, size = self.planar.dtype.type, (self.height, self.width)
         return joined([render_planar(self._over(splats, b), *size, real) for _, b in self._views])
 
-    def error_of(self, rendered: NDArray[np.floating]) -> float:
-        """Return the mean squared error of a render of the shape of `planar`."""
-        return self._mean_square(rendered, self.planar)
-
-    def _mean_square(self, rendered: NDArray[np.floating], planar: NDArray[np.floating]) -> float:
-        squares = np.square(rendered - planar)
+    def error_of(
+        self, rendered: NDArray[np.floating], planar: NDArray[np.floating] | None = None
+    ) -> float:
+        """Return the mean squared error of a render against `planar`, by default all of it."""
+        squares = np.square(rendered - (self.planar if planar is None else planar))
         if self.focus is not None:
             squares *= self.focus
         return float(np.mean(squares, dtype=np.float64))
@@ -213,7 +199,7 @@ class Target:
         """Return the loss of the Gaussians and its gradient.
 
         loss         one of the values of FitOptions.loss
-        ssim_weight  weight of 1 - SSIM in 0..1, or None for SSIM_WEIGHT
+        ssim_weight  weight of 1 - SSIM in 0..1, or None for 0.2
         """
         parts: list[LossAndGradient] = []
         weight = self.weight if loss == DEFAULT_LOSS else self.focus
@@ -221,7 +207,7 @@ class Target:
             on_backdrop = self._over(splats, backdrop)
             image, squares, moments, rows = squared_error(on_backdrop, planar, weight)
             if self.focus is not None:
-                squares = self._mean_square(image, planar) * planar.size
+                squares = self.error_of(image, planar) * planar.size
             value = 0.5 * squares
             if loss not in SQUARED_LOSSES:
                 mean, gradient = image_gradient(loss, image, planar, ssim_weight, self.focus)
@@ -272,17 +258,8 @@ def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[
     return np.ascontiguousarray(color[:, y, x])
 
 
-# Constants of pixel_weight (docs/decisions/perceptual.md). The module's docstring defines c, g, m.
 CONTRAST = 0.03  # c: standard deviation of luma (0..1) above which texture masks errors
-EXPONENT = 0.5  # g: in texture, the weight falls as the variance to the power -g
-# m is the median variance in the picture times TIMES_MEDIAN, clipped to LEAST_BOUND..MOST_BOUND.
-TIMES_MEDIAN = 100.0
-LEAST_BOUND = 0.025
-MOST_BOUND = 0.04
-WINDOW = 2.0  # sigma in px of the window in which the variance is computed
-FLAT = 8.0  # the weight of a perfectly flat area is 1 + FLAT (docs/decisions/metrics.md)
-FLAT_GRADIENT = 0.02  # change of luma per px below which an area is flat: 5 levels of 255
-FLAT_REACH = 4.0  # sigma in px of the window in which the squared gradient is averaged
+MOST_VARIANCE = 0.03  # m (docs/decisions/perceptual.md)
 
 
 def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.floating]:
@@ -292,43 +269,30 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     """
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
-        energy = reduce(add, (gx * gx + gy * gy for gx, gy in map(slopes, lumas))) / len(lumas)
-        flatness = portable.exp(-smoothed(energy, FLAT_REACH) / FLAT_GRADIENT**2)
-        weight = 1 + FLAT * flatness
+        energy = reduce(add, map(_slope_energy, lumas)) / len(lumas)
+        # A change of 0.02 per px, which is 5 levels of 255, is flat (docs/decisions/metrics.md).
+        weight = 1 + 8 * portable.exp(-smoothed(energy, 4.0) / 0.02**2)
     else:
         variance = reduce(add, map(_local_variance, lumas)) / len(lumas)
-        bound = TIMES_MEDIAN * np.median(variance)
-        bound = np.clip(bound, LEAST_BOUND, MOST_BOUND)
-        weight = portable.power(1 + np.minimum(variance, bound) / CONTRAST**2, -EXPONENT)
+        # In texture, the weight falls as the variance to the power -g, with g = 0.5.
+        weight = portable.power(1 + np.minimum(variance, MOST_VARIANCE) / CONTRAST**2, -0.5)
         weight /= weight.mean()
     return weight.astype(views[0].dtype)
 
 
-def slopes(luma: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Smooth `luma` (h, w). Return its derivatives (h, w) along x and along y."""
+def _slope_energy(luma: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Smooth `luma` (h, w), and return the square of its gradient (h, w)."""
     luma = smoothed(luma, 1.0)
-    height, width = len(luma), len(luma[0])
-    gy = np.gradient(luma, axis=0) if height > 1 else np.zeros_like(luma)
-    gx = np.gradient(luma, axis=1) if width > 1 else np.zeros_like(luma)
-    return gx, gy
+    axes = [axis for axis in (1, 0) if luma.shape[axis] > 1]
+    return sum((np.square(np.gradient(luma, axis=axis)) for axis in axes), np.zeros_like(luma))
 
 
 def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
-    mean = smoothed(luma, WINDOW)
-    return np.maximum(smoothed(luma * luma, WINDOW) - mean * mean, 0)
+    mean = smoothed(luma, 2.0)
+    return np.maximum(smoothed(luma * luma, 2.0) - mean * mean, 0)
 
-
-# Default weight of 1 - SSIM in a loss, as in "3D Gaussian Splatting for Real-Time Radiance Field
-# Rendering" (Kerbl et al., 2023).
-SSIM_WEIGHT = 0.2
 
 SQUARED_LOSSES = (DEFAULT_LOSS, "mse")  # a kernel computes these and their gradients
-# A function for each loss, by the name of the loss. The function takes the differences between
-# values and their targets. It returns the loss of each value, and the derivative of this loss.
-PIXEL_LOSSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
-    "mse": lambda difference: (difference**2, 2 * difference),
-    "l1": lambda difference: (np.abs(difference), np.sign(difference)),
-}
 
 
 def image_gradient(
@@ -340,8 +304,9 @@ def image_gradient(
 ) -> tuple[float, NDArray[np.floating]]:
     """Return the loss and its gradient (3, h, w) with respect to rendered (3, h, w).
 
-    loss         a function, or a name in PIXEL_LOSSES, which may be followed by +ssim
-    ssim_weight  weight w of the SSIM term in 0..1. If it is None, w is SSIM_WEIGHT
+    loss         a function, or mse or l1, which may be followed by +ssim
+    ssim_weight  weight w of the SSIM term in 0..1. If it is None, w is 0.2, as in "3D
+                 Gaussian Splatting for Real-Time Radiance Field Rendering" (Kerbl et al., 2023)
     focus        (h, w) weight of each pixel, of mean 1. If it is None, all weights are 1
 
     Let p be the mean of the pixel loss over all values of the image, weighted by `focus`. Without
@@ -351,12 +316,16 @@ def image_gradient(
     """
     if not isinstance(loss, str):
         return _by_function(loss, rendered, target)
-    losses, gradient = PIXEL_LOSSES[loss.removesuffix("+ssim")](rendered - target)
+    difference = rendered - target
+    if loss.startswith("l1"):
+        losses, gradient = np.abs(difference), np.sign(difference)
+    else:
+        losses, gradient = difference**2, 2 * difference
     if focus is not None:
         losses, gradient = losses * focus, gradient * focus
     value = np.mean(losses, dtype=np.float64)
     if has_ssim(loss):
-        weight = SSIM_WEIGHT if ssim_weight is None else ssim_weight
+        weight = 0.2 if ssim_weight is None else ssim_weight
         value *= 1 - weight
         gradient *= 1 - weight
         for channel, planes in enumerate(zip(rendered, target, strict=True)):
@@ -375,18 +344,17 @@ def _by_function(
     if the gradient has not the shape of the render, or if a number is not finite.
     """
     pictures = [np.ascontiguousarray(np.moveaxis(one, 0, -1)) for one in (rendered, target)]
-    needed = f"a function that returns a loss >= 0 and its gradient {pictures[0].shape}"
     returned = loss(*pictures)
     try:
         value, slope = returned
         value, slope = float(value), np.asarray(slope, rendered.dtype)
     except (TypeError, ValueError, RuntimeError):
-        advice = "torch_loss(function) for a loss of tensors"
-        raise refusal("loss", needed, type(returned).__name__, advice) from None
-    if not (0 <= value < np.inf) or slope.shape != pictures[0].shape:
-        raise refusal("loss", needed, f"{value:g} and a gradient {slope.shape}")
-    if not np.isfinite(slope).all():
-        raise refusal("loss", needed, "a gradient that is not finite")
+        value, slope = math.nan, np.empty(0, rendered.dtype)
+    is_usable = 0 <= value < np.inf and np.isfinite(slope).all()
+    if not is_usable or slope.shape != pictures[0].shape:
+        needed = f"a function that returns a loss >= 0 and its finite gradient {pictures[0].shape}"
+        got = f"{type(returned).__name__}, loss {value:g}, gradient {slope.shape}"
+        raise refusal("loss", needed, got, "torch_loss(function) for a loss of tensors")
     return value, np.ascontiguousarray(np.moveaxis(slope, -1, 0)) * rendered.dtype.type(slope.size)
 
 

@@ -19,10 +19,6 @@ DEFAULT_MAX_PIXELS = 89_478_485
 MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
 PREFIX_BYTES = 64  # number of bytes at the start of a file that suffice to identify its format
 
-LIBVIPS, PILLOW = "gauss2svg.photo.by_libvips:opened", "gauss2svg.photo.by_pillow:opened"
-LIBHEIF = "gauss2svg.photo.by_libvips:opened_heic"
-OF_PILLOW = "gauss2svg.photo.by_pillow:of_image"  # the function that reads a PIL image
-
 
 @dataclass(frozen=True)
 class Format:
@@ -31,37 +27,35 @@ class Format:
     name      name of the format in messages and in the help
     suffixes  suffixes of file names. They say which files of a folder are photos of this format
     start     regular expression that matches the first bytes of files of this format
-    decoder   the function that opens such a file, written as module:name
-    loader    name of the libvips operation or Pillow plugin that the decoder calls
+    loader    name of the libvips operation or Pillow plugin that decodes such files, "" for libheif
     """
 
     name: str
     suffixes: tuple[str, ...]
     start: bytes
-    decoder: str
-    loader: str = ""
+    loader: str
 
 
 FORMATS = {
     entry.name: entry
     for entry in (
-        Format("JPEG", (".jpg", ".jpeg", ".jpe", ".jfif"), rb"\xff\xd8\xff", LIBVIPS, "jpegload"),
-        Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n(?!....CgBI)", LIBVIPS, "pngload"),
-        Format("WebP", (".webp",), rb"RIFF.{4}WEBP", LIBVIPS, "webpload"),
-        Format("TIFF", (".tif", ".tiff"), rb"II[\x2a\x2b]\0|MM\0[\x2a\x2b]", LIBVIPS, "tiffload"),
+        Format("JPEG", (".jpg", ".jpeg", ".jpe", ".jfif"), rb"\xff\xd8\xff", "jpegload"),
+        Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", "pngload"),
+        Format("WebP", (".webp",), rb"RIFF.{4}WEBP", "webpload"),
+        Format("TIFF", (".tif", ".tiff"), rb"II[\x2a\x2b]\0|MM\0[\x2a\x2b]", "tiffload"),
         # An AVIF has the brand avif or avis. It is either the major brand of the file, or one of
         # the brands after a general major brand such as mif1.
-        Format("AVIF", (".avif",), rb".{4}ftyp(avi[fs]|m[is]f1(.{4})+?avi[fs])", LIBVIPS,
-               "heifload"),
-        Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", LIBHEIF),
-        Format("GIF", (".gif",), rb"GIF8[79]a", PILLOW, "Gif"),
-        Format("BMP", (".bmp",), rb"BM", PILLOW, "Bmp"),
-        Format("JPEG 2000", (".jp2", ".j2k", ".jpx"), rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", PILLOW,
-               "Jpeg2K"),
-        Format("PSD", (".psd",), rb"8BPS", PILLOW, "Psd"),
-        Format("ICO", (".ico",), rb"\0\0\x01\0", PILLOW, "Ico"),
+        Format("AVIF", (".avif",), rb".{4}ftyp(avi[fs]|m[is]f1(.{4})+?avi[fs])", "heifload"),
+        Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", ""),
+        Format("GIF", (".gif",), rb"GIF8[79]a", "Gif"),
+        Format("BMP", (".bmp",), rb"BM", "Bmp"),
+        Format(
+            "JPEG 2000", (".jp2", ".j2k", ".jpx"), rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", "Jpeg2K"
+        ),
+        Format("PSD", (".psd",), rb"8BPS", "Psd"),
+        Format("ICO", (".ico",), rb"\0\0\x01\0", "Ico"),
     )
-}  # fmt: skip
+}
 SUFFIXES = tuple(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
 
 _RAW = rb"II\*\0....CR|II[RU][\0SO]|MMOR|IIU\0|FUJIFILM"
@@ -70,12 +64,6 @@ _RAW = rb"II\*\0....CR|II[RU][\0SO]|MMOR|IIU\0|FUJIFILM"
 # them.
 _OTHERS = (
     (_RAW, "a camera's raw file"),
-    # Apple's build tools write such a PNG. Only their own programs read it.
-    (
-        rb"\x89PNG\r\n\x1a\n....CgBI",
-        "a PNG of an iPhone app (CgBI), which Apple's Preview, or xcrun pngcrush "
-        "-revert-iphone-optimizations, turns into a usual one",
-    ),
     (rb"%PDF", "a PDF"),
     (rb"%!PS|\xc5\xd0\xd3\xc6", "a PostScript file"),
     (rb"gimp xcf", "a GIMP file"),

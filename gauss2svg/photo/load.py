@@ -6,10 +6,8 @@ import dataclasses
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -20,15 +18,17 @@ from PIL import Image
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import reading
 from gauss2svg.options import Field, file_name
-from gauss2svg.photo import (
-    DEFAULT_MAX_PIXELS,
-    FORMATS,
-    MOST_PIXELS,
-    OF_PILLOW,
-    PREFIX_BYTES,
-    format_of,
+from gauss2svg.photo import DEFAULT_MAX_PIXELS, FORMATS, MOST_PIXELS, PREFIX_BYTES, format_of
+from gauss2svg.photo.decoders import (
+    SWAPPED,
+    TYPES,
+    StoredImage,
+    of_image,
+    opened_by_libheif,
+    opened_by_libvips,
+    opened_by_pillow,
+    samples,
 )
-from gauss2svg.photo.libvips import TYPES, samples
 from gauss2svg.photo.pixels import (
     FOCUS_STRENGTH,
     Focus,
@@ -43,109 +43,12 @@ from gauss2svg.photo.pixels import (
     shrunk,
     unit,
 )
-from gauss2svg.photo.srgb import PRIMARIES, TRANSFERS, ColorSpace, in_srgb
+from gauss2svg.photo.srgb import in_srgb
 
-SWAPPED = (5, 6, 7, 8)  # the EXIF orientations that exchange width and height
 # libjpeg can reduce a JPEG while it decodes it, but its filter removes high frequencies
 # (docs/decisions/photo.md). So libjpeg may reduce each side only to at least this many times the
 # size needed, and `resized` does the rest of the reduction.
 OVERSIZE = 3
-# Exceptions by which decoders say what is wrong with a file.
-_EXPLAINED = pyvips.Error, OSError, ValueError, RuntimeError, SyntaxError
-# Parts of a decoder's message: the name of a function, numbers of an error, and a line without
-# a reason.
-_INTERNAL = re.compile(r"^\s*\w+: (unable to open source for input)?|\([0-9]+\.[0-9]+\)$")
-
-
-@dataclass(eq=False)
-class StoredImage:
-    """The first image of a file, as it is stored.
-
-    width, height    size in px
-    colors           number of colour channels: 1 for grey, 3 for RGB, CMYK_CHANNELS for CMYK
-    alpha            index of the alpha channel, or None
-    picture          function that decodes the image, and returns it as a picture of libvips. Its
-                     argument is one of `scales`, by which the decoder reduces the image. The
-                     samples of the picture are uint8, uint16, or float32 in 0..1
-    reduced_bytes    as in Header
-    scales           factors by which the decoder can make the image smaller
-    space            colour space
-    orientation      orientation 1..8, as in EXIF. An image of orientation 1 is stored upright
-    density          px per unit of length across and down, as stored. None if the file has none
-    is_per_inch      whether `density` is known to be in px per inch
-    notes            notes on changes, for the report
-    reports_warning  whether the last warning of the decoder is added to the notes
-    """
-
-    width: int
-    height: int
-    colors: int
-    alpha: int | None
-    picture: Callable[[int], Any]
-    reduced_bytes: int | None
-    scales: tuple[int, ...] = (1,)
-    space: ColorSpace = field(default_factory=ColorSpace)
-    orientation: int = 1
-    density: tuple[float, float] | None = None
-    is_per_inch: bool = True
-    notes: list[str] = field(default_factory=list)
-    reports_warning: bool = False
-
-    @property
-    def header(self) -> Header:
-        """The header: the size, whether there is alpha, and the memory that decoding takes."""
-        return Header(self.width, self.height, self.alpha is not None, self.reduced_bytes)
-
-    @property
-    def upright_size(self) -> tuple[int, int]:
-        """Width and height in px of the upright photo."""
-        is_swapped = self.orientation in SWAPPED
-        return (self.height, self.width) if is_swapped else (self.width, self.height)
-
-    def resolution(self) -> tuple[tuple[float, float] | None, list[str]]:
-        """Return the resolution of the upright photo, and notes for the report.
-
-        The resolution is the number of px per inch across and down, or None if it is not known.
-        """
-        if self.density is None or min(self.density) <= 0:
-            return None, []
-        across, down = self.density[::-1] if self.orientation in SWAPPED else self.density
-        notes = []
-        if abs(across / down - 1) > 0.01:
-            notes.append(
-                f"pixels are {down / across:.3g} times as wide as high by the resolution tag; "
-                "treated as square"
-            )
-        is_known = self.is_per_inch and min(self.density) > 1  # px per inch
-        return (across, down) if is_known else None, notes
-
-    def set_codes(self, source: str, codes: Sequence[int]) -> None:
-        """Set the colour space from two codes of H.273: the primaries and the transfer curve.
-
-        If a code is not supported, add a note, and keep the colour space.
-        """
-        primaries, transfer = codes
-        chromaticity, gamma = PRIMARIES.get(primaries), TRANSFERS.get(transfer)
-        if chromaticity and gamma:
-            self.space = ColorSpace(None, gamma, chromaticity, source)
-        else:
-            kind = f"{source} with primaries {primaries} and transfer {transfer}"
-            self.notes.append(f"{kind} not supported; ignored")
-
-    def set_gamma(self, gamma: float, chromaticity: Sequence[float]) -> None:
-        """Set the colour space from the gamma (chunk gAMA) and chromaticity (chunk cHRM) of a PNG.
-
-        The chromaticity is used only if it has eight numbers.
-        """
-        source = f"gAMA of {gamma:g}"
-        self.space = ColorSpace(gamma=gamma, source=source)
-        if len(chromaticity) == 8:
-            self.space = ColorSpace(None, gamma, tuple(chromaticity), f"{source} and cHRM")
-
-    def note_frames(self, count: int, noun: str = "frames") -> None:
-        """Add a note if the file has more than one frame or page."""
-        if count > 1:
-            self.notes.append(f"first of {count} {noun}")
 
 
 @contextmanager
@@ -170,11 +73,12 @@ def _reason_of(error: Exception) -> str:
     The names of the decoder's functions are left out.
     """
     # Pillow raises SyntaxError from a fault of its own, such as an index out of range.
-    if not isinstance(error.__cause__ or error, _EXPLAINED):
+    explained = pyvips.Error, OSError, ValueError, RuntimeError, SyntaxError
+    if not isinstance(error.__cause__ or error, explained):
         return ""
     text = error.detail if isinstance(error, pyvips.Error) else str(error)
-    lines = [_INTERNAL.sub("", line).strip(" .") for line in text.splitlines()]
-    reasons = [line for line in lines if line]
+    lines = [re.sub(r"^\s*\w+: |unable to open source.*", "", line) for line in text.splitlines()]
+    reasons = [line.strip(" .") for line in lines if line.strip()]
     return f" ({brief(reasons[-1])})" if reasons else ""
 
 
@@ -187,8 +91,10 @@ def opened(file: bytes, name: str, max_pixels: int) -> StoredImage:
     if isinstance(kind, str):
         needed = f"a supported image ({', '.join(FORMATS)})"
         raise refusal(name, needed, kind, "converting it")
+    is_vips = kind.loader.endswith("load")
+    open_file = opened_by_libvips if is_vips else opened_by_pillow
     with _refusing(name):
-        stored = resolve_name(kind.decoder)(file, kind.loader)
+        stored = (open_file if kind.loader else opened_by_libheif)(file, kind.loader)
     check_size((stored.width, stored.height), name, max_pixels)
     return stored
 
@@ -200,33 +106,27 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     """
     size = reduced_size(needed, stored.width, stored.height)
     with _refusing(name):
-        pixels, warnings = samples(lambda: _picture(stored, size))
-        # libvips takes this message of libjpeg as a warning, but here it is an error.
-        truncated = "premature end of data segment"
-        if any(truncated in warning for warning in warnings):
-            raise ValueError(truncated)
+        pixels = samples(_picture(stored, size))
         if size not in (None, pixels.shape[1::-1]):
             # Floats outside of 0..1 must be refused by `unit` before a filter mixes them.
             whole = pyvips.Image.new_from_array(unit(pixels, name))
-            pixels, _ = samples(lambda: resized(whole, size, stored.alpha is not None))
+            pixels = samples(resized(whole, size, stored.alpha is not None))
     if size is not None and pixels.dtype == np.float32:
         # The filter that reduces the picture may return samples slightly outside of 0..1.
         pixels = pixels.clip(0, 1)
     pixels = unit(pixels, name)
-    notes = [*stored.notes]
-    if stored.reports_warning:
-        notes += (f"decoder warns: {brief(warning)}" for warning in warnings[-1:])
-    color, color_notes = in_srgb(pixels[:, :, : stored.colors], stored.space)
-    dpi, dpi_notes = stored.resolution()
-    orientation = stored.orientation
+    color, notes = in_srgb(pixels[:, :, : stored.colors], stored.profile)
+    notes, orientation, dpi = [*stored.notes, *notes], stored.orientation, stored.dpi
     if orientation != 1:
         notes.insert(0, "EXIF orientation applied")
+    if dpi and orientation in SWAPPED:
+        dpi = dpi[1], dpi[0]
     color, alpha = upright(color, orientation), None
     color = np.ascontiguousarray(color if color.shape[2] == 3 else color.repeat(3, axis=2))
     if stored.alpha is not None and (pixels[:, :, -1] < 1).any():
         alpha = upright(pixels[:, :, -1], orientation)
         color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
-    return Photo(color, stored.upright_size, (*notes, *dpi_notes, *color_notes), dpi, alpha)
+    return Photo(color, stored.upright_size, tuple(notes), dpi, alpha)
 
 
 def _picture(stored: StoredImage, size: Size | None) -> Any:
@@ -292,7 +192,6 @@ def check_size(size: Size, name: str, max_pixels: int) -> None:
         raise refusal(name, needed, f"{width}x{height} = {count} px", advice)
 
 
-_CHANNELS = 1, 3, 4  # numbers of channels: grey, RGB, and RGB with alpha
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
 WHITE_MATTE = (1.0, 1.0, 1.0)  # sRGB colour of the background on which browsers show a picture
 
@@ -317,8 +216,8 @@ def load_image(
     first is read. An array has the shape (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), and a torch
     tensor has the shape (c, h, w) or (h, w). Their samples are uint8, uint16, bool, or floating
     point in 0..1. The EXIF orientation is applied. Colours are converted to sRGB from the ICC
-    profile of a file, or from the gamma of a PNG. Where alpha is 0, the colour is invisible and
-    becomes 0. Raise InputError for anything else.
+    profile of a file. Where alpha is 0, the colour is invisible and becomes 0. Raise InputError for
+    anything else.
     """
     Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     stored, name = _stored(source, max_pixels)
@@ -397,7 +296,7 @@ def _stored(source: ImageSource, max_pixels: int) -> tuple[StoredImage, str]:
         return _of_array(_tensor_samples(source), "tensor", max_pixels, 0), "tensor"
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
-        return resolve_name(OF_PILLOW)(source), "image"
+        return of_image(source), "image"
     file, name = _file(source)
     return opened(file, name, max_pixels), name
 
@@ -419,9 +318,6 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
     if not hasattr(source, "read"):
         needed = "a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor"
         raise refusal("photo", needed, type(source).__name__)
-    if getattr(source, "closed", False):
-        advice = "the path of the photo, or a file that is open"
-        raise refusal("file object", "open", "a closed one", advice)
     with suppress(AttributeError, OSError):  # raised if the file is a pipe, which cannot seek
         source.seek(0)
     data = source.read()
@@ -449,26 +345,21 @@ def _of_array(
 
     channel_axis  axis of the channels: the last one of an array, and the first one of a tensor
     """
-    if np.ma.is_masked(array):
-        raise refusal(name, "without masked samples", "some", ".filled(0)")
-    # The array is converted to a plain one, because a subclass may redefine operators.
-    array = np.asarray(array)
+    array = np.asarray(array)  # a subclass may redefine operators
     shape = array.shape
     if array.ndim == 2:
         array = array[:, :, None]
     elif array.ndim == 3:
         array = np.moveaxis(array, channel_axis, -1)
-    if array.ndim != 3 or array.shape[2] not in _CHANNELS:
-        needed, moved = "(h, w), (h, w, 1), (h, w, 3) or (h, w, 4)", ".transpose(1, 2, 0)"
+    if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
+        needed, advice = "(h, w), (h, w, 1), (h, w, 3) or (h, w, 4)", "array.transpose(1, 2, 0)"
         if channel_axis == 0:
-            needed, moved = "(h, w), (1, h, w), (3, h, w) or (4, h, w)", ".permute(2, 0, 1)"
-        may_move = len(shape) == 3 and shape[-1 - channel_axis] in _CHANNELS
-        advice = f"{name}{moved}" if may_move else f"{name}[0]" if len(shape) == 4 else ""
-        raise refusal(f"shape of {name}", needed, str(shape), advice)
+            needed, advice = "(h, w), (1, h, w), (3, h, w) or (4, h, w)", "tensor.permute(2, 0, 1)"
+        raise refusal(f"shape of {name}", needed, str(shape), f"{advice} or one picture of many")
     height, width, channels = array.shape
     check_size((width, height), name, max_pixels)
-    samples = array if array.dtype in TYPES.values() else unit(array, name)
-    picture = pyvips.Image.new_from_array(np.ascontiguousarray(samples))
+    array = array if array.dtype in TYPES.values() else unit(array, name)
+    picture = pyvips.Image.new_from_array(np.ascontiguousarray(array))
     alpha = 3 if channels == 4 else None
     return StoredImage(width, height, min(channels, 3), alpha, lambda _scale: picture, None)
 

@@ -28,8 +28,6 @@ Size = tuple[int, int]  # width and height in px
 SizeNeeded = Callable[[int, int], Size] | int
 WHITE, BLACK = 1.0, 0.0
 BACKDROPS = (WHITE, BLACK)
-# If a photo is reduced by at least this factor, an average is as good as Lanczos' filter.
-_AVERAGE_FROM = 2
 
 
 @dataclass(frozen=True)
@@ -177,15 +175,11 @@ def shrunk(
     """
     if (height, width) == pixels.shape[:2]:
         return pixels
-    sharp = (
-        sharp
-        and not has_alpha(pixels)
-        and _AVERAGE_FROM * max(height, width) > max(pixels.shape[:2])
-    )
-    filter_ = Image.Resampling.LANCZOS if sharp else Image.Resampling.BOX
     if not has_alpha(pixels):
+        sharp = sharp and 2 * max(height, width) > max(pixels.shape[:2])
+        filter_ = Image.Resampling.LANCZOS if sharp else Image.Resampling.BOX
         return _resized(pixels, height, width, filter_)
-    weight = pixels[:, :, 3:]
+    weight, filter_ = pixels[:, :, 3:], Image.Resampling.BOX
     alpha = _resized(weight, height, width, filter_)
     premultiplied = _resized(pixels[:, :, :3] * weight, height, width, filter_)
     return straight(premultiplied, alpha[:, :, 0])

@@ -86,7 +86,7 @@ class Parameter:
     raw              raw form in a fit; None if it is mean, sigma or rho, or never changes in a fit
     rate             learning rate in the frame of gauss2svg.fit.state; 0 if it is not stepped
     shared           whether all shapes that share a gradient in a file must have the same value. In
-                     the last steps of a fit, SharedColors keeps such values equal
+                     the last steps of a fit, Population.step keeps such values equal
     advice           text that follows "Try" in the error for a value out of the domain
     once             whether a scene has a single value in place of one for each shape
     """

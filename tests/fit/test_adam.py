@@ -86,11 +86,10 @@ def step_by_linear_algebra(
     return finite
 
 
-@pytest.mark.parametrize("rate", [0.02, 1.0, 5.0])
+@pytest.mark.parametrize("rate", [0.02, 5.0])
 @pytest.mark.parametrize("least", [LEAST_FITTED_SIGMA, LEAST_SIGMA_ABOVE_AREAS])
-@pytest.mark.parametrize("seed", range(3))
-def test_the_kernel_steps_as_linear_algebra_does(seed, least, rate):
-    fast, rng = random_state(90, seed), np.random.default_rng(seed)
+def test_the_kernel_steps_as_linear_algebra_does(least, rate):
+    fast, rng = random_state(90, 0), np.random.default_rng(0)
     slow = fast.copy()
     for _ in range(4):
         moments = rng.normal(size=(90, COLUMN_COUNT)) * 10.0 ** rng.integers(-6, 6, (90, 1))

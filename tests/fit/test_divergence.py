@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from flat import fit_config, session_of, vectorize
 
-from gauss2svg.fit.session import GENTLE, STALLED_STEPS, DivergenceGuard, fit
+from gauss2svg.fit.session import DivergenceGuard, fit
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.scene import BLENDS
@@ -44,7 +44,12 @@ def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(p
     assert report["rollbacks"] > 0
     assert any("diverged" in note and "best state" in note for note in report["notes"])
     # A usual rate does not diverge: here every loss that falls by less than a tenth has diverged.
-    monkeypatch.setattr("gauss2svg.fit.session.DIVERGED", 0.9)
+    observe = DivergenceGuard.observe
+    monkeypatch.setattr(
+        DivergenceGuard,
+        "observe",
+        lambda self, loss, *more: loss < 0.9 * self._recent_least and observe(self, loss, *more),
+    )
     usual = vectorize(photo, gaussians=30, iterations=30).report
     assert usual["rollbacks"] > 0
     assert not any("diverged" in note for note in usual["notes"])
@@ -58,7 +63,7 @@ def test_worse_last_steps_are_rolled_back(photo, monkeypatch):
     assert psnr_of(scene, photo) > max(seen) - 0.02
 
 
-def test_guard_rolls_back_to_the_best_state_where_the_loss_rises_for_long_and_shows():
+def test_guard_rolls_back_to_the_best_state_where_the_loss_rises_and_shows():
     guard, copy = DivergenceGuard(), iter("abcdefgh").__next__
     assert not guard.observe(np.inf, np.inf, copy)
     assert guard.observe(1.0, 0.1, copy)
@@ -66,14 +71,8 @@ def test_guard_rolls_back_to_the_best_state_where_the_loss_rises_for_long_and_sh
     for bad in (2.1, np.nan, np.inf):
         assert not guard.observe(bad, 0.1 * bad, copy)
     guard.roll_back()
-    assert guard.best == "a"
+    assert (guard.best, guard.rollbacks) == ("a", 1)
     assert guard.rate < 1
-    assert guard.rollbacks == 1
-    steps = 0
-    while guard.observe(1.6, 0.16, copy):
-        steps += 1
-        assert steps < 100
-    assert steps == STALLED_STEPS  # counted from the rollback on
     relocating, invisible = DivergenceGuard(), DivergenceGuard()
     assert relocating.observe(1.0, 0.1, copy)
     relocating.allow_rise()
@@ -89,6 +88,6 @@ def test_finished_fit_continues_in_small_steps_that_grow():
     while guard.rate < 1 and len(rates) < 50:
         assert guard.observe(1.0, 1.0, object)
         rates.append(guard.rate)
-    assert rates[0] == GENTLE
+    assert rates[0] == 0.25
     assert rates == sorted(rates)
     assert 10 < len(rates) < 20

@@ -4,12 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from flat import choices, fit_config, fit_in, session_of
-from scenes import random_areas, random_scene, random_sum
+from flat import choices, fit_config, session_of
+from scenes import random_areas, random_scene
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import PSNR, FitOptions
-from gauss2svg.fit import population as population_module
 from gauss2svg.fit.placement import NewGaussians, place
 from gauss2svg.fit.population import LEAST_OPACITY, LEAST_SIGMA_ABOVE_AREAS
 from gauss2svg.fit.schedule import rate, reduction, totals
@@ -23,7 +22,6 @@ from gauss2svg.render.cpu import squared_error
 from gauss2svg.scene import BLENDS, Area, Outline, Scene
 from gauss2svg.scene.scene import STEPPED
 
-DTYPES = (np.float32, np.float64)
 PLACEMENTS, SCHEDULES = choices("init"), choices("schedule")
 
 
@@ -44,8 +42,8 @@ def test_more_gaussians_and_more_iterations_raise_psnr(photo, blend, gain):
 @pytest.mark.parametrize(
     "options",
     [*({"loss": loss} for loss in choices("loss")),
-     *({"init": init, "schedule": schedule, "blend": blend}
-       for init in PLACEMENTS for schedule in SCHEDULES for blend in BLENDS)],
+     *({"init": init, "blend": blend} for init in PLACEMENTS for blend in BLENDS),
+     *({"schedule": schedule} for schedule in SCHEDULES)],
 )  # fmt: skip
 def test_every_loss_placement_and_schedule_fits_the_photo(photo, options):
     result = fit(photo[::2, ::2], fit_config(100, 41, **options))
@@ -65,18 +63,15 @@ def test_a_loss_of_ones_own_fits_as_closely_as_the_same_one_of_the_program(photo
 
 @pytest.mark.usefixtures("threads_given_back")
 @pytest.mark.parametrize("blend", BLENDS)
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype, blend):
-    options = {"init": "error", "blend": blend}
+def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, blend):
     scenes = []
-    for threads in (1, 2, 1):
+    for threads, seed in ((1, 3), (2, 3), (2, 4)):
         tiles.threads = threads
-        scenes.append(fit_in(dtype, photo, fit_config(150, 40, seed=3, **options)).scene)
-    for scene in scenes[1:]:
-        for name in ("mean", "sigma", "rho", "color", "opacity"):
-            assert getattr(scene, name).tobytes() == getattr(scenes[0], name).tobytes()
-    other = fit_in(dtype, photo, fit_config(150, 40, seed=4, **options)).scene
-    assert not np.array_equal(other.mean[: len(scene)], scene.mean[: len(other)])
+        scenes.append(fit(photo, fit_config(150, 20, seed=seed, init="error", blend=blend)).scene)
+    one, same, other = scenes
+    for name in ("mean", "sigma", "rho", "color", "opacity"):
+        assert getattr(one, name).tobytes() == getattr(same, name).tobytes()
+    assert not np.array_equal(other.mean[: len(one)], one.mean[: len(other)])
 
 
 def test_relocation_raises_psnr(photo):
@@ -152,15 +147,15 @@ def state_of(scene) -> State:
     return State.of(scene.mean, f[:, [0, 1, 1], [0, 0, 1]], 0, **raw)
 
 
-@pytest.mark.parametrize(("dtype", "off"), [(np.float32, 2e-3), (np.float64, 1e-12)])
-def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
+@pytest.mark.sweep
+def test_gradients_in_the_gaussians_frame_are_those_of_autograd():
     torch = pytest.importorskip("torch")
     from gauss2svg.render.reference import composite
 
     scene = random_scene(6, 40, 30, seed=2, sigma=(2.0, 7.0))
     # a Gaussian proper leaves out what the exponent's gradient needs
     scene = scene.replace(beta=np.maximum(scene.beta, 1 + 1e-9))
-    target = np.random.default_rng(0).random((3, 30, 40)).astype(dtype)
+    target = np.random.default_rng(0).random((3, 30, 40))
     state = state_of(scene)
     splats = state.splats(scene.background)
     moments = squared_error(splats, target)[2]
@@ -186,24 +181,7 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     for column in range(COLUMN_COUNT):
         slow = along.grad[:, column].numpy()
         scale = np.abs(slow).max()
-        np.testing.assert_allclose(fast[:, column] / scale, slow / scale, atol=off)
-
-
-@pytest.mark.parametrize(("contrast", "relocates"), [(0.2, True), (1e-3, False)])
-def test_nothing_is_relocated_where_the_error_does_not_show(contrast, relocates, monkeypatch):
-    calls = []
-    monkeypatch.setattr(
-        population_module.Population, "relocate", lambda self: calls.append(len(self))
-    )
-    noise = np.random.default_rng(0).random((40, 40, 3)).astype(np.float32)
-    fit(0.4 + np.float32(contrast) * noise, fit_config(40, 60))
-    assert bool(calls) == relocates
-
-
-def test_an_additive_scene_is_recovered_from_its_render():
-    scene = random_sum(3, 48, 40, 1)
-    target = render(scene.replace(color=np.abs(scene.color) * 0.5, background=np.full(3, 0.2)))
-    assert metrics.psnr(render(fit(target, fit_config(12, 300, blend="add")).scene), target) > 45
+        np.testing.assert_allclose(fast[:, column] / scale, slow / scale, atol=1e-12)
 
 
 def test_new_additive_gaussians_share_the_residual():
@@ -223,17 +201,6 @@ def placed(kind: str, picture, count: int, rendered=0.25, blend: str = "add") ->
     drawn = np.broadcast_to(np.float32(rendered), target.planar.shape)
     rng = np.random.default_rng(0)
     return place(kind, target, drawn, count, count, rng, additive=blend == "add")
-
-
-def test_new_gaussians_go_along_the_edge_where_the_error_is():
-    picture = np.zeros((40, 60, 3))
-    picture[:, 30:] = 1  # a vertical edge
-    rendered = np.full((40, 60), 0.5)
-    rendered[:, 28:32] = 0.0
-    new = placed("error", picture, 20, rendered)
-    near = np.abs(new.mean[:, 0] - 30) < 3
-    assert near.any()
-    assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
 
 
 @pytest.mark.parametrize("has_ground", [False, True])
@@ -283,22 +250,11 @@ def test_live_begins_on_the_largest_components_of_the_bins_as_the_paper_says():
         np.testing.assert_allclose(new.factor[k], [sigma, 0, sigma])
     assert len(new.mean) == 6  # the rest at random
     assert len(np.unique(new.mean[2:], axis=0)) == 4
-    frame = np.full((40, 40, 3), 0.25)
-    frame[5:35, 5:35] = 0.6  # a frame of one bin around a square of another
-    frame[15:25, 15:25] = 1.0
-    new = placed("live", frame, 2)
-    np.testing.assert_allclose(new.factor[:, 0] ** 2 * 7, [900 - 100, 100])
 
 
 def test_random_begins_anywhere_with_every_shape():
-    for count in (40, 2000):
-        new = placed("random", np.random.default_rng(1).random((50, 90, 3)), count)
-        sigma_y = np.hypot(new.factor[:, 1], new.factor[:, 2])
-        sigma, rho = np.stack([new.factor[:, 0], sigma_y]), new.factor[:, 1] / sigma_y
-        unit = np.sqrt(50 * 90 / (count * np.pi))  # of a disc with each one's share of the area
-        assert 0.8 * unit < sigma.max() <= max(unit, 0.8)
-        assert sigma.min() < max(0.25 * unit, 0.8)
-        assert np.abs(rho).max() < 1
+    new = placed("random", np.random.default_rng(1).random((50, 90, 3)), 2000)
+    rho = new.factor[:, 1] / np.hypot(new.factor[:, 1], new.factor[:, 2])
     assert (new.mean.min(axis=0) < [2, 2]).all()
     assert (new.mean.max(axis=0) > [88, 48]).all()
     assert rho.min() < -0.9 < 0.9 < rho.max()
@@ -347,15 +303,3 @@ def test_conversion_keeps_the_render_of_an_additive_scene(photo):
     for scene, blend in ((composited, "over"), (additive, "add")):
         with pytest.raises(InputError, match="the scene must be additive, and fitted by a config"):
             convert_additive(scene, config=fit_config(blend=blend))
-
-
-@pytest.mark.parametrize("reduce", [False, True])
-def test_rounds_run_at_full_size_without_reduce(photo, reduce):
-    widths = set()
-    config = fit_config(64, 40, blend="add", reduce=reduce)
-    session = session_of(
-        photo, config, progress=lambda _: widths.add(session.population.target.width)
-    )
-    session.fit()
-    assert (min(widths) < 128) == reduce
-    assert max(widths) == 128

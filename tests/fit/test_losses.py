@@ -9,16 +9,8 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import fit
-from gauss2svg.fit.target import (
-    CONTRAST,
-    LEAST_BOUND,
-    MOST_BOUND,
-    TIMES_MEDIAN,
-    Target,
-    image_gradient,
-    structural_similarity,
-)
-from gauss2svg.render.cpu import moments_of_gradient, splats_of, visible_mass
+from gauss2svg.fit.target import Target, image_gradient, structural_similarity
+from gauss2svg.render.cpu import moments_of_gradient, splats_of
 from gauss2svg.scene import Scene
 
 
@@ -50,7 +42,7 @@ def own_loss(render, target):
 
 
 @pytest.mark.parametrize("loss", [*(one for one in choices("loss") if one != "weighted"), own_loss])
-@pytest.mark.parametrize("size", [(12, 13), (40, 61), (30, 8), (2, 9), (1, 1)])
+@pytest.mark.parametrize("size", [(12, 13), (2, 9), (1, 1)])
 @pytest.mark.parametrize("focused", [False, True])
 def test_loss_gradient_is_that_of_finite_differences(loss, size, focused):
     # Nowhere equal to the target, where |r - t| has a kink.
@@ -88,12 +80,10 @@ def test_squared_error_has_no_weights_but_the_default_has(loss):
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        ((-1.0, np.zeros((6, 9, 3))), "loss >= 0 .* got -1"),
+        ((-1.0, np.zeros((6, 9, 3))), "loss >= 0 .* loss -1"),
         ((1.0, np.zeros(3)), r"gradient \(3,\)"),
-        ((np.nan, np.zeros((6, 9, 3))), "got nan"),
-        ((1.0, np.full((6, 9, 3), np.nan)), "not finite"),
-        (1.0, "got float. Try torch_loss"),
-        ((np.zeros((6, 9, 3)), 1.0), "got tuple"),
+        ((1.0, np.full((6, 9, 3), np.nan)), "finite gradient"),
+        (1.0, "got float.* Try torch_loss"),
     ],
 )
 def test_a_function_that_is_no_loss_is_refused(answer, message):
@@ -103,7 +93,7 @@ def test_a_function_that_is_no_loss_is_refused(answer, message):
 
 
 @pytest.mark.parametrize("loss", ["mse", "l1"])
-@pytest.mark.parametrize("weight", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("weight", [0.3])
 def test_pixel_losses_are_means_over_all_values(loss, weight):
     rendered, target = planes(12, 14)
     pixel, by_pixel = image_gradient(loss, rendered, target)
@@ -157,15 +147,6 @@ def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
     assert means[5] == pytest.approx(means[4], rel=0.01)
 
 
-@pytest.mark.parametrize("median", [0, LEAST_BOUND / 250, LEAST_BOUND / 83, MOST_BOUND / 40])
-def test_texture_masks_up_to_a_hundred_times_the_median_variance_within_bounds(median):
-    most = np.clip(TIMES_MEDIAN * median, LEAST_BOUND, MOST_BOUND)
-    contrast = np.repeat([0.0, median**0.5, 0.5], [40, 100, 60])
-    weight = Target(chequered(40, 200, contrast), "perceptual", np.float64).weight
-    flat, strong = weight[20, 15], weight[20, 185]
-    assert CONTRAST**2 * ((flat / strong) ** 2 - 1) == pytest.approx(most, rel=0.01)
-
-
 @pytest.mark.parametrize("tune", ["perceptual", "psnr"])
 def test_new_gaussians_go_where_an_error_shows(tune):
     target = Target(half_flat(), tune)
@@ -173,14 +154,6 @@ def test_new_gaussians_go_where_an_error_shows(tune):
     weight = target.weight if tune == "perceptual" else np.ones((64, 64))
     on_flat = (new.mean[:, 0] < 32).mean()
     assert on_flat == pytest.approx(weight[:, :32].sum() / weight.sum(), abs=0.02)
-
-
-def test_visible_mass_counts_a_pixel_as_often_as_it_weighs():
-    scene = spots([8, 24], [16, 16], 32)
-    plain, _ = visible_mass(scene)
-    weight = np.repeat([[0.5, 1.5]], 4, axis=0)  # of another size than the canvas
-    mass, _ = visible_mass(scene, np.repeat(weight, 8, axis=1))
-    np.testing.assert_allclose(mass, plain * [0.5, 1.5], rtol=0.02)
 
 
 @pytest.mark.parametrize("tune", ["perceptual", "psnr"])

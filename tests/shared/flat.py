@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.compare.pages import GalleryOptions
-from gauss2svg.fit import DensifyOptions, FitConfig, FitOptions, FitResult
+from gauss2svg.fit import DensifyOptions, FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import Target
 from gauss2svg.options import fields_of
@@ -42,13 +42,6 @@ def fit_config(gaussians: int = 5000, iterations: int | None = 200, **given: Any
 def session_of(pixels: NDArray[np.float32], config: FitConfig, *given: Any, **more: Any):
     """A fit of pixels that has not begun."""
     return FitSession(Target(pixels, config.fit.tuned), config, *given, **more)
-
-
-def fit_in(dtype: Any, pixels: NDArray[np.float32], config: FitConfig) -> FitResult:
-    """`fit` by kernels that compute in dtype, float32 as a run does or float64."""
-    session = FitSession(Target(pixels, config.fit.tuned, dtype), config)
-    session.fit()
-    return session.result()
 
 
 def choices(name: str) -> tuple[Any, ...]:
