@@ -27,14 +27,6 @@ if TYPE_CHECKING:  # all runs import this module, and few need the kernels
     from gauss2svg.areas.arrays import Bools, Floats, Ints
 
 MOST_COLORS = 128  # largest number of colours of a sprite
-MOST_CHANGES = 2**15  # pairs of neighbouring cells that differ. The file then has up to 290 kB
-# A colour is one of antialiased edges or gradients if BLENDED of its pixels lie between two others,
-# whose colours mix to it. Sprites have fewer than MOST_BLENDED of the pixels at edges in such
-# colours, drawings over twice as many (docs/decisions/areas.md).
-BLENDED, MOST_BLENDED = 0.6, 0.03
-# Neighbours whose colours differ by at most SLIGHT levels are steps of a gradient, or noise. A
-# sprite has them at less than MOST_SLIGHT of its edges. The first value is for smaller cells.
-SLIGHT, MOST_SLIGHT = (12, 3), 0.2
 # Steps along x and y of the eight directions of outlines, clockwise from the right.
 ACROSS, DOWN = (1, 1, 0, -1, -1, -1, 0, 1), (0, 1, 1, 1, 0, -1, -1, -1)
 
@@ -66,17 +58,19 @@ def sprite_of(pixels: NDArray[np.float32]) -> Sprite | None:
     down, across = codes[1:] != codes[:-1], codes[:, 1:] != codes[:, :-1]
     places = [np.flatnonzero(down.any(axis=1)) + 1, np.flatnonzero(across.any(axis=0)) + 1]
     side = int(np.gcd.reduce(np.concatenate([*places, codes.shape])))
-    if np.count_nonzero(down) + np.count_nonzero(across) > MOST_CHANGES * side:
-        return None
+    if np.count_nonzero(down) + np.count_nonzero(across) > 2**15 * side:
+        return None  # the file would have over 290 kB
     colors, cells = np.unique(codes[::side, ::side], return_inverse=True)
     cells = cells.reshape(height // side, width // side)
     if not 2 <= len(colors) <= min(MOST_COLORS, cells.size // 4):
         return None
     levels = colors[:, None] >> np.array([0, 8, 16, 24]) & 255
-    is_visible = side >= 3  # such cells are kept even if they were antialiased once
-    if _slight_share(cells, levels, SLIGHT[is_visible]) > MOST_SLIGHT:
+    # Cells of 3 px are seen, and so kept even if they were antialiased once. Neighbours that differ
+    # by few levels are steps of a gradient, or noise.
+    if _slight_share(cells, levels, 12 if side < 3 else 3) > 0.2:
         return None
-    if not is_visible and _blended_share(cells, levels) > MOST_BLENDED:
+    # Drawings have over twice as many blended pixels (docs/decisions/areas.md).
+    if side < 3 and _blended_share(cells, levels) > 0.03:
         return None
     return Sprite(cells, levels, side)
 
@@ -98,7 +92,10 @@ def _slight_share(cells: Ints, levels: NDArray[np.int64], most: int) -> float:
 
 
 def _blended_share(cells: Ints, levels: NDArray[np.int64]) -> float:
-    """Return which share of the pixels at edges has colours of antialiased edges."""
+    """Return which share of the pixels at edges has colours of antialiased edges.
+
+    Most pixels of such a colour lie between two others, whose colours mix to it.
+    """
     color = levels * np.where(np.arange(4) < 3, levels[:, 3:] / 255, 1)
     mixed, at_edge = np.zeros(cells.shape, bool), np.zeros(cells.shape, bool)
     for axis in (0, 1):
@@ -116,7 +113,7 @@ def _blended_share(cells: Ints, levels: NDArray[np.int64]) -> float:
         is_mixed &= off <= np.maximum(0.1**2 * square, 3**2)
         mix[at[0] + 1, at[1]] |= is_mixed
     counts = np.bincount(cells.ravel(), minlength=len(levels))
-    blended = np.bincount(cells.ravel(), mixed.ravel(), len(levels)) > BLENDED * counts
+    blended = np.bincount(cells.ravel(), mixed.ravel(), len(levels)) > 0.6 * counts
     return counts[blended].sum() / max(np.count_nonzero(at_edge), 1)
 
 
@@ -201,21 +198,17 @@ def _edges(shape: Bools) -> Bools:
 
     The shape (8, h + 1, w + 1) lies to the right of its edges.
     """
-    upright, level = shape[..., 1], shape[..., 0]
-    top, bottom, left, right = upright.copy(), level.copy(), level.copy(), upright.copy()
-    top[::2], bottom[::2] = level[::2], upright[::2]
-    left[:, ::2], right[:, ::2] = upright[:, ::2], level[:, ::2]
-    h, w = level.shape
+    h, w, _ = shape.shape
     starts = np.zeros((8, h + 1, w + 1), bool)
-    starts[0, 1:h, :w] = top[1:] & ~bottom[:-1]
-    starts[4, 1:h, 1:] = bottom[:-1] & ~top[1:]
-    starts[2, :h, 1:w] = right[:, :-1] & ~left[:, 1:]
-    starts[6, 1:, 1:w] = left[:, 1:] & ~right[:, :-1]
-    a, b = level & ~upright, upright & ~level
-    starts[1, :h:2, :w:2], starts[1, 1:h:2, 1:w:2] = b[::2, ::2], a[1::2, 1::2]
-    starts[5, 1::2, 1::2], starts[5, 2::2, 2::2] = a[::2, ::2], b[1::2, 1::2]
-    starts[3, :h:2, 2::2], starts[3, 1:h:2, 1::2] = a[::2, 1::2], b[1::2, ::2]
-    starts[7, 1::2, 1:w:2], starts[7, 2::2, :w:2] = b[::2, 1::2], a[1::2, ::2]
+    for turn in range(4):  # so that edges to the right and by 45 degrees downwards suffice
+        level, upright = (np.rot90(shape[..., k], turn) for k in (turn % 2, 1 - turn % 2))
+        top, bottom = upright.copy(), level.copy()
+        top[::2], bottom[::2] = level[::2], upright[::2]
+        right, down = np.zeros((2, *np.add(level.shape, 1)), bool)
+        right[1:-1, :-1] = top[1:] & ~bottom[:-1]
+        down[:-1:2, :-1:2] = (upright & ~level)[::2, ::2]
+        down[1:-1:2, 1:-1:2] = (level & ~upright)[1::2, 1::2]
+        starts[2 * turn : 2 * turn + 2] = np.rot90(right, -turn), np.rot90(down, -turn)
     return starts
 
 
