@@ -182,9 +182,6 @@ IN_TWO_ROWS = {
     "2 px wide, beside a wider line of their colour": (
         [level(y) for y in (20, 45)], PALE, 2, [], [Area((level(80),), PALE, width=4)],
     ),
-    "2 px wide, with crossings": (
-        [*map(level, (20, 45, 70)), *map(upright, (60, 90))], PALE, 2, [], [],
-    ),
     "2 px wide, too dark to be half of a colour": (
         [level(y) for y in (20, 45)], (0.3,) * 3, 2, [], [],
     ),
