@@ -42,14 +42,10 @@ class Chain(NamedTuple):
 
 
 class Junction(NamedTuple):
-    """The places (k, 2) at which branches meet, and half the width there.
-
-    has_spur  whether a branch to a border was left out. Then a line may end a little further on
-    """
+    """The places (k, 2) at which branches meet, and half the width there."""
 
     places: Floats
     radius: float
-    has_spur: bool = False
 
     @property
     def centre(self) -> Floats:
@@ -78,13 +74,7 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
         int(k): Junction(np.array(place)[None, ::-1] + 0.5, float(radius))
         for k, place, radius in zip(index, places, radii, strict=True)
     }
-    kept = []
-    for i, (branch, at) in enumerate(zip(branches, ends, strict=True)):
-        if not _is_spur(branch, at, junctions, half):
-            kept.append(i)
-        else:
-            k = at[0] or at[1]
-            junctions[k] = junctions[k]._replace(has_spur=True)
+    kept = [i for i, at in enumerate(ends) if not _is_spur(branches[i], at, junctions, half)]
     branches, ends = [branches[i] for i in kept], [ends[i] for i in kept]
     branches = [
         _cleared(branch, at, junctions, half, share)
@@ -299,8 +289,7 @@ def _join_crossings(
             bridges.update(between)
             del junctions[b]
             places = np.concatenate([one.places, other.places])
-            radius = max(one.radius, other.radius)
-            junctions[a] = Junction(places, radius, one.has_spur or other.has_spur)
+            junctions[a] = Junction(places, max(one.radius, other.radius))
             for at in ends:
                 at[:] = [a if k == b else k for k in at]
     return bridges
@@ -362,9 +351,8 @@ def _walked(
         closed = closed or is_loop
         if not closed and last:
             parts.append(_to_centre(rays[leaves], junctions[last]))
-        is_free = not first or junctions[first].has_spur, not last or junctions[last].has_spur
         width = float(np.median(np.concatenate(widths)))
-        chains.append(Chain(np.concatenate(parts), closed, is_free, width))
+        chains.append(Chain(np.concatenate(parts), closed, (not first, not last), width))
     return chains
 
 
