@@ -33,7 +33,6 @@ from gauss2svg.areas.paint import GOOD, paint_of
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blocks, renamed
 from gauss2svg.core import Kernel
 from gauss2svg.portable import product
-from gauss2svg.without_scipy import smoothed
 
 LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])  # YCbCr
 LEAST_NOISE = 0.8 * LEVEL  # noise of pixels that are far from edges
@@ -155,11 +154,7 @@ def _evened(
             paint = paint_of(pixels, ys, xs)
             new = product(paint.at(xs, ys), LUMA.T.astype(np.float32))
             if not paint.is_shaded or np.abs(own - new).mean() > 0.7 * most[0] + LEVEL:
-                # Smooth within the core.
-                masked = np.dstack([values[box], np.ones(inside.shape, np.float32)])
-                sums: Any = smoothed(masked * inside[..., None], 4.0)[inside]
-                new = sums[:, :-1] / sums[:, -1:]
-                new = np.where(np.abs(new - own) <= noise, new, own)
+                new = own
         is_off: Bools = np.any(np.abs(own - new) > 1.5 * noise + 2 * LEVEL, axis=1)
         smooth[box][inside] = np.where(is_off[:, None], own, new)
         cores[box][inside] = np.where(is_off, -1, k)

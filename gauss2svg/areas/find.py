@@ -20,7 +20,6 @@ from gauss2svg.scene.areas import CAPS, Area, Outline
 RATE = 0.0012  # squared error that a byte of an area must save
 UNIT = 1 / 32  # px of path data
 STEPS = 20  # steps of refinement before nodes are merged, and after each time that they are
-FIRST_RATE = 0.004  # squared error for a byte below which a layer is not even refined
 LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 
 
@@ -81,7 +80,8 @@ def find_areas(
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
     drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
     drawing.focus = focus
-    drawing = drawing.with_layers(merge.without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
+    # Faint layers are not even refined.
+    drawing = drawing.with_layers(merge.without_cheap(drawing, unit, 0.004), is_tied=False)
     find_s = time.perf_counter() - started
     return refined(drawing, rate, unit, progress, STEPS, find_s)
 

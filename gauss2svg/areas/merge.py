@@ -19,11 +19,8 @@ from gauss2svg.areas.outlines import (
 )
 from gauss2svg.areas.refine import Drawing, Layer
 
-# Nodes may move by this share of the distance by which outlines seem to be off.
-NOISE_SHARE = 0.4
 # Sizes of tags and attributes in bytes: of a layer, and of ends and joins that are round
 BYTES_OF_AREA, BYTES_OF_LINE, BYTES_OF_ROUND = 20.0, 50.0, 44.0
-MOST_LAYERS = 2000  # because a photo would have thousands
 
 
 def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
@@ -36,7 +33,8 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
         return []
     drawing.draw()
     drawing.weigh()
-    noise = NOISE_SHARE**2 * drawing.noise + 1e-8
+    # Nodes may move by .4 of the distance by which outlines seem to be off.
+    noise = 0.4**2 * drawing.noise + 1e-8
     layers = []
     for index, layer in enumerate(drawing.current()):
         contrast = (drawing.part(drawing.weight, index) ** 2).sum(axis=-1)
@@ -69,7 +67,7 @@ def _merged_path(path: Path, weight_at: Weights, unit: float, rate: float, noise
 def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     """Return the layers and lines that lower the squared error by `rate` for each of their bytes.
 
-    At most MOST_LAYERS are kept, those that lower it most.
+    At most 2000 are kept, those that lower it most, because a photo would have thousands.
     """
     if not drawing.layers:
         return []
@@ -93,7 +91,7 @@ def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
         size += sum(path.bytes(unit) for path in layer.paths)
         layers.append(layer)
         gains.append(float(saved.sum()) - rate * size if layer.paths else -math.inf)
-    least = max(0.0, np.sort(gains)[-min(MOST_LAYERS, len(gains))])
+    least = max(0.0, np.sort(gains)[-min(2000, len(gains))])
     return [layer for layer, gain in zip(layers, gains, strict=True) if gain >= least]
 
 

@@ -30,14 +30,7 @@ from gauss2svg.without_scipy import smoothed
 
 # Function from points (n, 2) to the weight of a squared distance of 1 px along 1 px of an outline
 Weights = Callable[[Floats], Floats]
-# A corner turns by at least CORNER_RAD between the chords to the points ARM points before and after
-# it. The antialiasing has rounded it, so it is put where lines through the points from CUT to LOOK
-# points away meet.
-ARM, CORNER_RAD, CUT, LOOK = 5, np.radians(35), 2, 8
-NOISE = 0.05  # px by which points of a contour are off
-# Least weight, and that beyond the picture. Without them, hidden outlines would have no shape, and
-# would show at the next step.
-HIDDEN, BEYOND = 0.015, 0.003
+ARM = 5  # points before and after a corner between which it turns
 FINE = 3  # samples of a field for each px
 
 _segment_bytes = Kernel("segment_bytes", "int float64 bool float float64")
@@ -87,7 +80,9 @@ def weights_by(contrast: Floats, left: int, top: int, shape: tuple[int, ...]) ->
         x, y = np.floor(points).astype(np.int64).T
         beyond = (points < 0).any(axis=1) | (points > [shape[1], shape[0]]).any(axis=1)
         at = np.clip(y - top, 0, h - 1), np.clip(x - left, 0, w - 1)
-        return np.where(beyond, BEYOND, np.maximum(contrast[at], HIDDEN))
+        # Without a least weight, hidden outlines would have no shape, and would show at the next
+        # step.
+        return np.where(beyond, 0.003, np.maximum(contrast[at], 0.015))
 
     return weight_at
 
@@ -177,14 +172,17 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
 def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
     """Return the first curves through a closed contour (n, 2)."""
     points = resampled(points, 0.5)
-    points, corners = with_corners(points, turns_of(points, CORNER_RAD))
+    points, corners = with_corners(points, turns_of(points, np.radians(35)))
     return fitted_path(points, corners, weight_at, unit, rate, True)
 
 
 def with_corners(
-    points: Floats, corners: Ints, closed: bool = True, cut: int = CUT
+    points: Floats, corners: Ints, closed: bool = True, cut: int = 2
 ) -> tuple[Floats, Ints]:
     """Return a polyline (n, 2) whose corners are no longer rounded, and their indices in it.
+
+    A corner is put where lines through the points on both sides meet, from `cut` to cut + 6 points
+    away.
 
     cut  number of points before and after a corner by which it has been rounded
     """
@@ -195,7 +193,7 @@ def with_corners(
         gap = [gaps[i - 1], gaps[i]]
         if not closed:
             gap = [min(gap[0], corner + cut), min(gap[1], n - 1 - corner + cut)]
-        reach = [min(LOOK + cut - CUT, one - cut - 1) for one in gap]
+        reach = [min(cut + 6, one - cut - 1) for one in gap]
         if min(reach) >= cut + 2:
             sides = [
                 points[(corner + sign * np.arange(cut, most + 1)) % n]
@@ -241,7 +239,7 @@ def fitted_path(
     if not closed:
         gap[-1] = 0.0
     weight = weight_at(points) * 0.5 * (gap + np.roll(gap, 1))
-    return merged_path(points, weight, start, None, closed, unit, rate, NOISE**2)
+    return merged_path(points, weight, start, None, closed, unit, rate, 0.05**2)
 
 
 class _Piece(NamedTuple):
