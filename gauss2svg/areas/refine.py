@@ -303,7 +303,8 @@ class Drawing:
             before = squared(error)
             self.weigh()
             if colors and n in (3, 11):
-                error = self._with_new_colors(error)
+                self.solve_colors()
+                error = self.draw() - self.pixels
                 self.weigh()
             error, damping = self._stepped(error, damping)
             # Three steps that lower the error by less than a thousandth are the last ones.
@@ -312,18 +313,6 @@ class Drawing:
                 on_step(n + 1)
             if quiet >= 3:
                 break
-
-    def _with_new_colors(self, error: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Solve the colours again, and return the new error, unless it is larger than `error`."""
-        kept = [paint.color for paint in self.paints]
-        self.solve_colors()
-        new = self.draw() - self.pixels
-        if squared(new) <= squared(error):
-            return new
-        for paint, color in zip(self.paints, kept, strict=True):
-            paint.color = color
-        self.draw()
-        return error
 
     def _stepped(
         self, error: NDArray[np.float32], damping: Floats

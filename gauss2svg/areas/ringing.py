@@ -9,6 +9,7 @@ the picture.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -23,8 +24,6 @@ from gauss2svg.scene.areas import Area, Color
 
 SIDE = 6  # px on both sides of an edge that are looked at
 LEFT = 0.03  # share of the contrast that is left of bands when their filter is known
-TIMES = 4  # factor by which drawings are reduced, half of it for larger ones
-FILTERS = BICUBIC, LANCZOS = 2, 3  # px to which the filters of Pillow reach
 
 
 def is_rung(picture: Floats) -> bool:
@@ -73,16 +72,19 @@ def unrung(
     areas, background  those of the source, as far as they are known
     code  function that changes a drawing as JPEG has changed the picture. None: nothing has
     """
+    from PIL import Image  # few pictures need it
+
     values, changed = channels_of(picture), code or (lambda drawn: drawn)
     (height, width, _) = values.shape
-    times = TIMES if height * width <= 2**19 else TIMES // 2
+    times = 4 if height * width <= 2**19 else 2
     large = _enlarged(areas, background, height, width, times)
     mean = large.reshape(height, times, width, times, -1).mean(axis=(1, 3))
 
     def off(drawn: Floats) -> float:  # few pixels of shadows have large errors
         return float(np.abs(drawn - values).sum())
 
-    unfiltered, *both = map(changed, (mean, *(reduced(large, k, times) for k in FILTERS)))
+    filters = Image.Resampling.BICUBIC, Image.Resampling.LANCZOS
+    unfiltered, *both = map(changed, (mean, *(reduced(large, times, one) for one in filters)))
     drawn = min(both, key=off)
     change = drawn - unfiltered
     explained = (change * (values - unfiltered)).sum() / max(float((change**2).sum()), 1e-9)
@@ -92,25 +94,17 @@ def unrung(
     return _picture(values - drawn + mean) if is_likely else None
 
 
-def reduced(large: Floats, reach: int, times: int = TIMES) -> Floats:
-    """Return a picture (h, w, c) that is reduced to 1 / times of its size by a filter of Pillow."""
-    at = (np.arange(2 * reach * times) + 0.5) / times - reach
-    x = np.abs(at)
-    inner, outer = (1.5 * x - 2.5) * x**2 + 1, ((2.5 - 0.5 * x) * x - 4) * x + 2
-    weights = np.where(x < 1, inner, outer) if reach == BICUBIC else _sinc(at) * _sinc(at / reach)
-    weights = (weights / weights.sum()).astype(np.float32)
-    margin = reach * times - times // 2
-    for _ in range(2):  # first across, and both times clipped, as in 8 bits
-        padded = np.pad(large.swapaxes(0, 1), [(margin, margin), (0, 0), (0, 0)], "edge")
-        end = len(padded) - len(weights) + 1
-        rows = (padded[k : k + end : times] for k in range(len(weights)))
-        large = np.clip(sum(w * row for w, row in zip(weights, rows, strict=True)), 0, 1)
-    return large
+def reduced(large: Floats, times: int, resampling: Any) -> Floats:
+    """Return a picture (h, w, c) that Pillow reduced to 1 / times of its size, in 8 bits."""
+    from PIL import Image
 
-
-def _sinc(x: Floats) -> Floats:
-    """Return sin(pi x) / (pi x)."""
-    return portable.sin(np.pi * x) / (np.pi * x)
+    levels = np.round(255 * np.clip(large, 0, 1)).astype(np.uint8)
+    size = large.shape[1] // times, large.shape[0] // times
+    views = [
+        Image.fromarray(np.ascontiguousarray(levels[..., k : k + 3])).resize(size, resampling)
+        for k in range(0, levels.shape[2], 3)
+    ]
+    return np.concatenate([np.asarray(view, np.float32) for view in views], axis=2) / 255
 
 
 def _enlarged(
