@@ -42,10 +42,14 @@ class Chain(NamedTuple):
 
 
 class Junction(NamedTuple):
-    """The places (k, 2) at which branches meet, and half the width there."""
+    """The places (k, 2) at which branches meet, and half the width there.
+
+    has_spur  whether a branch to a border was left out. Then a line may end a little further on
+    """
 
     places: Floats
     radius: float
+    has_spur: bool = False
 
     @property
     def centre(self) -> Floats:
@@ -75,6 +79,9 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
         for k, place, radius in zip(index, places, radii, strict=True)
     }
     kept = [i for i, at in enumerate(ends) if not _is_spur(branches[i], at, junctions, half)]
+    for i in {*range(len(ends))} - {*kept}:
+        k = ends[i][0] or ends[i][1]
+        junctions[k] = junctions[k]._replace(has_spur=True)
     branches, ends = [branches[i] for i in kept], [ends[i] for i in kept]
     branches = [
         _cleared(branch, at, junctions, half, share)
@@ -289,7 +296,8 @@ def _join_crossings(
             bridges.update(between)
             del junctions[b]
             places = np.concatenate([one.places, other.places])
-            junctions[a] = Junction(places, max(one.radius, other.radius))
+            radius = max(one.radius, other.radius)
+            junctions[a] = Junction(places, radius, one.has_spur or other.has_spur)
             for at in ends:
                 at[:] = [a if k == b else k for k in at]
     return bridges
@@ -352,7 +360,8 @@ def _walked(
         if not closed and last:
             parts.append(_to_centre(rays[leaves], junctions[last]))
         width = float(np.median(np.concatenate(widths)))
-        chains.append(Chain(np.concatenate(parts), closed, (not first, not last), width))
+        is_free = not first or junctions[first].has_spur, not last or junctions[last].has_spur
+        chains.append(Chain(np.concatenate(parts), closed, is_free, width))
     return chains
 
 

@@ -67,11 +67,19 @@ def add_letters(
         # Slivers at the edges of thick parts are no text.
         if sum(np.count_nonzero(letter.share > half) for letter in line) < 8:
             continue
-        off = [np.abs(paint.color - longest.darkest).max() for paint in flat]
-        if min(off, default=np.inf) > SAME_COLOR:
-            off.append(0.0)
+        same = [p for p in flat if np.abs(p.color - longest.darkest).max() <= SAME_COLOR]
+        share, most = np.concatenate([letter.share for letter in line]), longest.share.max()
+        if not same and np.mean(share[share > half] > 0.97 * most) < 0.1:
+            # The strokes are so thin that none of their pixels may be pure.
+            base = longest.darkest - most * longest.way
+            for p in flat:
+                way = p.color - base
+                if dot(way, longest.way) > 0.99 * max(np.sqrt(dot(way, way)), most):
+                    same.append(p)
+        if not same:
             flat.append(Paint(longest.darkest))
-        paint = flat[int(np.argmin(off))]
+            same = flat[-1:]
+        paint = min(same, key=lambda p: np.abs(p.color - longest.darkest).max())
         for letter in line:
             ys, xs = letter.at
             way = paint.color - paints[letter.region].at(xs, ys)
