@@ -36,8 +36,9 @@ def off(areas, others):
     return np.append(KDTree(first).query(second)[0], KDTree(second).query(first)[0])
 
 
-@pytest.mark.parametrize("name", ["a polygon", "discs in discs", "two apart"])
-@pytest.mark.parametrize("change", [(75, "4:2:0"), (85, "4:4:4")], ids=str)
+@pytest.mark.parametrize(
+    ("name", "change"), [("two apart", (75, "4:2:0")), ("discs in discs", (85, "4:4:4"))]
+)
 def test_a_jpeg_has_the_areas_of_the_clean_drawing(name, change):
     areas, picture = DRAWINGS[name], as_jpeg(drawn(DRAWINGS[name]), *change)
     found = vectorize(picture, max_bytes=10000).scene
@@ -54,9 +55,8 @@ def test_a_jpeg_has_the_areas_of_the_clean_drawing(name, change):
         assert min(own) < 8 / 255
 
 
-@pytest.mark.parametrize("name", ["a ring", "discs in discs"])
-def test_an_enlarged_drawing_has_the_areas_of_its_source(name):
-    areas = DRAWINGS[name]
+def test_an_enlarged_drawing_has_the_areas_of_its_source():
+    areas = DRAWINGS["discs in discs"]
     found = vectorize(enlarged(drawn(areas), 2), max_bytes=10000).scene
     assert len(found.areas) == len(areas)
     assert off(areas, found.scaled(0.5, 0.5).areas).max() < 0.3

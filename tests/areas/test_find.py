@@ -71,8 +71,8 @@ def color_of(area: Area):
 
 
 def points_of(areas):
-    """Return points (n, 2) inside the picture along all outlines, at most .02 px apart."""
-    t = np.linspace(0, 1, 5000)[:, None]
+    """Return points (n, 2) inside the picture along all outlines, at most .05 px apart."""
+    t = np.linspace(0, 1, 1500)[:, None]
     parts = []
     for outline in (outline for area in areas for outline in area.outlines):
         for p, is_curve in zip(outline.segments, outline.curved, strict=True):
