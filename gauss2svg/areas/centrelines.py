@@ -344,7 +344,7 @@ def _walked(
             walk.append(link[leaves])
         used |= seen | {k for k, _ in walk}
         first, last = (ends[k][side] for k, side in (start, leaves))
-        parts, widths = list[Floats](), list[Floats]()
+        parts, widths, is_loop = list[Floats](), list[Floats](), False
         if not closed and first:
             parts.append(_to_centre(rays[start], junctions[first]))
         for k, side in walk:

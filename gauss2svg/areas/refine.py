@@ -18,7 +18,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -260,7 +260,7 @@ class Drawing:
         from scipy.sparse import csr_array
 
         h, w, _ = self.shape
-        parts = [(self.ground, self.above, (0, 0))]
+        parts: list[tuple[Paint, Floats, Any]] = [(self.ground, self.above, (0, 0))]
         for k, paint in enumerate(self._paint):
             parts.append((paint, self.part(self.visible, k), self.box[k, :2]))
         rest = self.pixels.reshape(h * w, -1).copy()

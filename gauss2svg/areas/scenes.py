@@ -8,6 +8,7 @@ this picture, and their exact coverage is not.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ def with_ellipses_as_areas(scene: Scene) -> Scene:
     if not scene.areas or not len(scene) or (scene.drawn != PLAIN).any():
         return scene
     # The outline of a circle of radius 1, as four cubic curves
-    turns = np.array([1, 1j, -1, -1j])[:, None] * [1, 1 + 0.5523j, 0.5523 + 1j]
+    turns: Any = np.array([1, 1j, -1, -1j])[:, None] * [1, 1 + 0.5523j, 0.5523 + 1j]
     circle = np.stack([turns.real.ravel(), turns.imag.ravel()], axis=1)
     factor = scene.factor * covered_radius(scene.beta)[:, None, None]
     points = (circle[:, None] * factor[:, None]).sum(axis=3) + scene.mean[:, None]

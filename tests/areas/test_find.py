@@ -183,7 +183,7 @@ def word(x: float, y: float, stroke: float) -> list[Outline]:
 
 
 # At .5 px, level bars lie between two rows, and no pixel of theirs is darker than a half.
-@pytest.mark.parametrize(("stroke", "shift"), [(1.0, 0.5), (1.4, 0.0), (2.2, 0.3)])
+@pytest.mark.parametrize(("stroke", "shift"), [(1.0, 0.5), (2.2, 0.3)])
 def test_small_letters_have_one_color_and_are_close(stroke, shift):
     text = [Area(tuple(word(8.2, 20 + shift, stroke)), BLUE)]
     found = find_areas(drawn(text))
