@@ -19,17 +19,9 @@ from skimage.morphology import remove_small_holes, skeletonize
 from gauss2svg import portable
 from gauss2svg.areas.arrays import Bools, Floats, Ints, parts_of
 
-CLEAR = 2.0  # px, and half a width, within which a skeleton is distorted by a junction
-BESIDE = 1.75  # px beyond half a width in which the middle of a line is looked for
-SPURS, TIP, TAPER = 1.3, 4.8, 0.5  # lengths of spurs in half widths, and how much a tip tapers
-STRAIGHT_RAD, CROSSING_RAD = 0.8, 0.7  # largest turn of a line at a junction and at a crossing
-CORNER_RAD = 2.2  # largest turn of a line that has its corner at a junction
-# Length in half widths of both sides, and in px, up to which two junctions may be one crossing
-BRIDGE, BRIDGE_PX = 4.0, 7.0
-ALIKE, RAD_OF_WIDTH = 1.15, 2.5  # ratio of widths that counts as none, and turn for a larger one
+BRIDGE = 4.0  # length in half widths of both sides up to which two junctions may be one crossing
 STEP = 0.6  # px between points across a junction
 ACROSS = 0.25  # px between places across a line
-RISE = 0.02  # rise of the share away from the middle of a line that is no other line beside it
 
 End = tuple[int, int]  # index of a branch, and 0 for its first point or 1 for its last one
 
@@ -86,13 +78,10 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
         int(k): Junction(np.array(place)[None, ::-1] + 0.5, float(radius))
         for k, place, radius in zip(index, places, radii, strict=True)
     }
-    kept = []
-    for i, (branch, at) in enumerate(zip(branches, ends, strict=True)):
-        if not _is_spur(branch, at, junctions, half):
-            kept.append(i)
-        else:
-            k = at[0] or at[1]
-            junctions[k] = junctions[k]._replace(has_spur=True)
+    kept = [i for i, at in enumerate(ends) if not _is_spur(branches[i], at, junctions, half)]
+    for i in {*range(len(ends))} - {*kept}:
+        k = ends[i][0] or ends[i][1]
+        junctions[k] = junctions[k]._replace(has_spur=True)
     branches, ends = [branches[i] for i in kept], [ends[i] for i in kept]
     branches = [
         _cleared(branch, at, junctions, half, share)
@@ -112,7 +101,7 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
     for group in meeting.values():
         for turn, p, q in _turns(itertools.combinations(group, 2), rays):
             # Two ends are always one line.
-            if (turn < CORNER_RAD or len(group) == 2) and p not in link and q not in link:
+            if (turn < 2.2 or len(group) == 2) and p not in link and q not in link:
                 link[p], link[q] = q, p
     return _walked(branches, ends, bridges, junctions, rays, link, share)
 
@@ -182,7 +171,7 @@ def _profile(points: Floats, share: Floats, closed: bool) -> tuple[Floats, Float
     for i in range(1, middle + 1):
         for side in (1, -1):
             at, before = middle + side * i, middle + side * (i - 1)
-            profile[:, at] = np.minimum(profile[:, at], profile[:, before] + RISE)
+            profile[:, at] = np.minimum(profile[:, at], profile[:, before] + 0.02)
     return normal, places, profile
 
 
@@ -196,12 +185,12 @@ def _is_spur(branch: Floats, at: list[int], junctions: dict[int, Junction], half
     if bool(at[0]) == bool(at[1]):
         return at[0] == at[1] != 0 and len(branch) < BRIDGE * junctions[at[0]].radius
     radius = junctions[at[0] or at[1]].radius
-    if len(branch) <= max(3, SPURS * radius + 1):
+    if len(branch) <= max(3, 1.3 * radius + 1):
         return True
-    if radius < 1 or len(branch) > TIP * radius:
+    if radius < 1 or len(branch) > 4.8 * radius:
         return False
     x, y = branch[slice(len(branch) // 2, None) if at[0] else slice(len(branch) // 2)].astype(int).T
-    return bool(np.median(half[y, x]) <= TAPER * radius + 0.25)
+    return bool(np.median(half[y, x]) <= 0.5 * radius + 0.25)
 
 
 def _cleared(
@@ -216,7 +205,7 @@ def _cleared(
     for side, k in enumerate(at):
         end = junctions[k] if k else free._replace(places=branch[[-side]])
         if k or not closed:
-            clear_px = min(end.radius + CLEAR, max(end.radius + 0.5, n / 5))
+            clear_px = min(end.radius + 2.0, max(end.radius + 0.5, n / 5))
             away = portable.hypot(*(branch[:, None] - end.places).transpose(2, 0, 1)).min(axis=1)
             clear &= away > (clear_px if k else end.radius - 0.5)
     if np.count_nonzero(clear) < 2:
@@ -225,7 +214,7 @@ def _cleared(
     first, last = np.flatnonzero(clear)[[0, -1]]
     points = branch[first : last if closed else last + 1]
     x, y = points.astype(int).T
-    reach = float(np.median(half[y, x])) + BESIDE
+    reach = float(np.median(half[y, x])) + 1.75
     # Twice, points move to the middle of the share across them, and are then smoothed twice.
     for _ in range(2):
         normal, places, profile = _profile(points, share, closed)
@@ -263,7 +252,7 @@ def _turn(a: Ray, b: Ray) -> float:
         cosines = [-portable.dot(a.way, gap) / length, portable.dot(b.way, gap) / length]
         turn = float(portable.arccos(np.clip(cosines, -1, 1)).sum())
     low, high = sorted((a.width, b.width))
-    return turn + RAD_OF_WIDTH * max(high / max(low, 1e-3) - ALIKE, 0)
+    return turn + 2.5 * max(high / max(low, 1e-3) - 1.15, 0)
 
 
 def _turns(pairs: Iterable[tuple[End, End]], rays: dict[End, Ray]) -> list[tuple[float, End, End]]:
@@ -285,7 +274,7 @@ def _join_crossings(
         if not a or not b or a == b:
             continue
         one, other = junctions[a], junctions[b]
-        most = BRIDGE * (one.radius + other.radius) + BRIDGE_PX
+        most = BRIDGE * (one.radius + other.radius) + 7
         if portable.hypot(*(one.centre - other.centre)) > most:
             continue
         sides: dict[int, list[End]] = {a: [], b: []}
@@ -301,7 +290,7 @@ def _join_crossings(
                     sides[at[side]].append((j, side))
         used: set[End] = set()
         for turn, p, q in _turns(itertools.product(sides[a], sides[b]), rays):
-            if turn < CROSSING_RAD and p not in used and q not in used:
+            if turn < 0.7 and p not in used and q not in used:
                 used |= {p, q}
         if len(used) >= 4:
             bridges.update(between)
@@ -318,7 +307,7 @@ def _across(a: Ray, b: Ray, junction: Junction) -> Floats:
     """Return the points (n, 2) of a line between the two rays along which it passes a junction."""
     gap = b.point - a.point
     length = portable.hypot(*gap)
-    if _turn(a, b) < STRAIGHT_RAD:
+    if _turn(a, b) < 0.8:
         t = np.linspace(0, 1, max(round(length / STEP), 1) + 1)[1:-1, None]
         u = 1 - t
         p, q = a.point - a.way * length / 3, b.point - b.way * length / 3
@@ -341,42 +330,37 @@ def _walked(
     junctions: dict[int, Junction], rays: dict[End, Ray], link: dict[End, End], share: Floats,
 ) -> list[Chain]:  # fmt: skip
     """Return the lines that the links make of branches."""
-    chains: list[Chain] = []
-    used = set(bridges)
+    chains, used = list[Chain](), set(bridges)
     for i in range(len(branches)):
         if i in used:
             continue
-        start, walked = (i, 0), {i}  # goes back to the beginning of the line
-        while start in link and link[start][0] not in walked:
-            before, side = link[start]
-            start = before, 1 - side
-            walked.add(before)
-        closed = start in link and link[start][0] in walked
-        parts, wide, end = list[Floats](), list[Floats](), start
-        first = ends[start[0]][start[1]]
+        start, seen = (i, 0), {i}  # goes back to the beginning of the line
+        while start in link and link[start][0] not in seen:
+            start = link[start][0], 1 - link[start][1]
+            seen.add(start[0])
+        closed = start in link
+        walk = [start]  # ends at which the line enters its branches
+        while (leaves := (walk[-1][0], 1 - walk[-1][1])) in link and link[leaves] != start:
+            walk.append(link[leaves])
+        used |= seen | {k for k, _ in walk}
+        first, last = (ends[k][side] for k, side in (start, leaves))
+        parts, widths, is_loop = list[Floats](), list[Floats](), False
         if not closed and first:
             parts.append(_to_centre(rays[start], junctions[first]))
-        while True:
-            index, side = end
-            used.add(index)
-            branch = branches[index][:: -1 if side else 1]
+        for k, side in walk:
+            branch = branches[k][:: -1 if side else 1]
             is_near = bool(portable.hypot(*(branch[0] - branch[-1])) < 1.5)
-            is_loop = not any(ends[index]) and is_near and len(branch) > 5
+            is_loop = not any(ends[k]) and is_near and len(branch) > 5
             parts.append(branch)
-            wide.append(_widths_along(branch, share, is_loop))
-            last = index, 1 - side
-            at = ends[index][1 - side]
-            if (following := link.get(last)) is None:
-                break
-            parts.append(_across(rays[last], rays[following], junctions[at]))
-            if following[0] in used:
-                break
-            end = following
+            widths.append(_widths_along(branch, share, is_loop))
+            if (k, 1 - side) in link:
+                junction = junctions[ends[k][1 - side]]
+                parts.append(_across(rays[k, 1 - side], rays[link[k, 1 - side]], junction))
         closed = closed or is_loop
-        if not closed and at:
-            parts.append(_to_centre(rays[last], junctions[at]))
-        is_free = not first or junctions[first].has_spur, not at or junctions[at].has_spur
-        width = float(np.median(np.concatenate(wide)))
+        if not closed and last:
+            parts.append(_to_centre(rays[leaves], junctions[last]))
+        width = float(np.median(np.concatenate(widths)))
+        is_free = not first or junctions[first].has_spur, not last or junctions[last].has_spur
         chains.append(Chain(np.concatenate(parts), closed, is_free, width))
     return chains
 

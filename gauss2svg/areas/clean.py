@@ -34,25 +34,13 @@ from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blo
 from gauss2svg.areas.texture import TWO_TONED, two_toned
 from gauss2svg.core import Kernel
 from gauss2svg.portable import product
-from gauss2svg.without_scipy import smoothed
 
 LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])  # YCbCr
-EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
-UNEVEN = 1.01 * LEVEL  # larger second differences do not come from rounding
-NOISY = 0.17  # share of uneven pixels beside edges. Clean drawings have at most .11, JPEG over .2
 LEAST_NOISE = 0.8 * LEVEL  # noise of pixels that are far from edges
-FULL_NOISE = 60 * LEVEL  # contrast beside which noise of luma has its full height
 # Noise of colour differences is at least that of luma, and this share of their contrast nearby,
 # because JPEG stores them at half the size. The second share is that of a picture of which areas
 # tell where colour differences have edges.
 BLEEDING, UNBLED = 0.08, 0.02
-
-# The rest of cleaning is counted in noise, if no unit is given.
-FLAT, JOINED = 1.3, 1.5  # largest differences in a block of one core, and of its neighbours
-BEND, STEEP = 1.0, 3.0  # largest second and first differences in a block that is evenly shaded
-EVEN, MOST_OFF = 2.0, 0.15  # an even core has at most this share of pixels that differ more
-SAME, SHADED = 1.5, 0.7  # differences of colours that become one, and from a core's gradient
-OFF = 1.5  # a pixel that differs more is no part of its core
 
 _average_alike = Kernel("average_alike", "int int float32 float32 float32")
 _mix_cores = Kernel("mix_cores", "int int float32 float32 int32 int float32 float32 float32")
@@ -66,12 +54,13 @@ def noise_of(pixels: Floats) -> float:
     if pixels.shape[2] != 3:
         return 0.0
     luma = product(pixels, LUMA[0].astype(np.float32))
-    distance: Any = ndimage.distance_transform_edt(_contrast(luma[..., None]) <= EDGE)
+    distance: Any = ndimage.distance_transform_edt(_contrast(luma[..., None]) <= 24 * LEVEL)
     beside = (distance >= 2.5) & (distance <= 5.5)
     beside[[0, -1]] = beside[:, [0, -1]] = False
     bend = bend_of(luma[..., None])
-    uneven = bend[beside & (bend > UNEVEN)]
-    if len(uneven) <= NOISY * np.count_nonzero(beside):
+    uneven = bend[beside & (bend > 1.01 * LEVEL)]  # smaller ones come from rounding
+    # Clean drawings have at most a share of .11, JPEG over .2.
+    if len(uneven) <= 0.17 * np.count_nonzero(beside):
         return 0.0
     if textured(pixels, cores_of(pixels)[0]).any():
         return 0.0
@@ -87,7 +76,10 @@ def _contrast(values: Floats) -> Floats:
 
 
 def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
-    """Return an opaque picture (h, w, 3) without noise of this height beside its edges."""
+    """Return an opaque picture (h, w, 3) without noise of this height beside its edges.
+
+    Differences within cores are counted in the noise around them.
+    """
     values = product(pixels, LUMA.T.astype(np.float32))
     local = _local(values, noise, bleeding)
     smooth = values
@@ -97,12 +89,12 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     spread = over_blocks(smooth, np.maximum) - over_blocks(smooth, np.minimum)
     spread = (spread / local).max(axis=-1)
     bend = over_blocks(bend_of(smooth), np.maximum) / local[..., 0]
-    block = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
+    block = (spread <= 1.3) | ((bend <= 1.0) & (spread <= 3.0))
     cores, colors = np.full(block.shape, -1, np.int32), np.empty((0, 3), np.float32)
     for _ in range(3):
         # Cores of what the cores of earlier rounds have left.
         block &= over_blocks(cores[..., None], np.maximum)[..., 0] < 0
-        more, _ = cores_of_blocks(smooth, block, JOINED * noise)
+        more, _ = cores_of_blocks(smooth, block, 1.5 * noise)
         # Shades of an edge have no 3 x 3 pixels.
         is_inner: Any = ndimage.minimum_filter(more, 3) == ndimage.maximum_filter(more, 3)
         more = renamed(more, np.unique(more[is_inner & (more >= 0)]))
@@ -124,7 +116,8 @@ def _local(values: Floats, noise: float, bleeding: float) -> Floats:
     luma, chroma = (
         ndimage.maximum_filter(_contrast(values[..., part]), 9) for part in (np.s_[:1], np.s_[1:])
     )
-    result[..., 0] = np.clip(noise / FULL_NOISE * luma, LEAST_NOISE, noise)
+    # Beside a contrast of 60 levels, noise has its full height.
+    result[..., 0] = np.clip(noise / (60 * LEVEL) * luma, LEAST_NOISE, noise)
     result[..., 1:] = np.maximum(bleeding * chroma, result[..., 0])[..., None]
     return result
 
@@ -149,9 +142,9 @@ def _evened(
         # This share of the noise is left in the mean of a core of more than 8 x 8 pixels.
         share = min(1.0, 8 / math.sqrt(size))
         most = noise.mean(axis=0)
-        off = np.abs(own - color) > EVEN * share * most + 2 * LEVEL
-        if np.count_nonzero(off.any(axis=1)) <= MOST_OFF * size:
-            far = (np.abs(colors - color) / (SAME * share * most + LEVEL)).max(axis=1)
+        off = np.abs(own - color) > 2.0 * share * most + 2 * LEVEL
+        if np.count_nonzero(off.any(axis=1)) <= 0.15 * size:
+            far = (np.abs(colors - color) / (1.5 * share * most + LEVEL)).max(axis=1)
             if far.size and far.min() <= 1:
                 color = colors[far.argmin()]
             else:
@@ -161,21 +154,12 @@ def _evened(
             ys, xs = arrays.pixels_of(inside, box)
             paint = paint_of(pixels, ys, xs)
             new = product(paint.at(xs, ys), LUMA.T.astype(np.float32))
-            if not paint.is_shaded or np.abs(own - new).mean() > SHADED * most[0] + LEVEL:
-                # Smooth within the core.
-                masked = np.dstack([values[box], np.ones(inside.shape, np.float32)])
-                sums: Any = smoothed(masked * inside[..., None], 4.0)[inside]
-                new = sums[:, :-1] / sums[:, -1:]
-                new = np.where(np.abs(new - own) <= noise, new, own)
-        is_off: Bools = np.any(np.abs(own - new) > OFF * noise + 2 * LEVEL, axis=1)
+            if not paint.is_shaded or np.abs(own - new).mean() > 0.7 * most[0] + LEVEL:
+                new = own
+        is_off: Bools = np.any(np.abs(own - new) > 1.5 * noise + 2 * LEVEL, axis=1)
         smooth[box][inside] = np.where(is_off[:, None], own, new)
         cores[box][inside] = np.where(is_off, -1, k)
     return colors
-
-
-# A picture was enlarged if the quantile .8 of the largest step of an edge, as a share of its
-# contrast, is at most NARROW. Clean drawings have at least .74, and JPEGs of quality 75 .64.
-NARROW = 0.6
 
 
 def enlargement_of(pixels: Floats) -> float:
@@ -205,18 +189,11 @@ def enlargement_of(pixels: Floats) -> float:
     if len(shares) < max(20, 0.25 * steep):
         return 1.0
     share = float(np.quantile(shares, 0.8))
-    # In pictures that were not enlarged, it is .86.
-    return 1.0 if share > NARROW else min(round(2 * 0.86 / share) / 2, 2.0)
+    # It is at least .74 in clean drawings, .86 in the mean, and .64 in JPEGs of quality 75.
+    return 1.0 if share > 0.6 else min(round(2 * 0.86 / share) / 2, 2.0)
 
 
-# Least mean cosine of the phases of coefficients in their steps, in standard deviations of random
-# phases. It is 14 to 140 for JPEGs of 256 px, and up to 6 for pictures reduced by half. Clean
-# ones, which have no noise and are not asked, have up to 14.
-ON_STEPS = 8.0
 SIDE = 8  # px of the blocks that JPEG transforms
-# Element (x, u) is the value at x of the cosine of the frequency u.
-_COSINES = portable.cos(np.pi / SIDE * np.outer(np.arange(SIDE) + 0.5, np.arange(SIDE)))
-_COSINES *= np.sqrt(np.where(np.arange(SIDE), 2, 1) / SIDE)
 
 
 def quality_of(picture: Floats) -> int | None:
@@ -226,8 +203,11 @@ def quality_of(picture: Floats) -> int | None:
     """
     luma = 255 * product(picture[:1024, :1024], LUMA[0])  # enough of a large picture
     h, w = (side - side % SIDE for side in luma.shape)
+    # Element (x, u) is the value at x of the cosine of the frequency u.
+    cosines = portable.cos(np.pi / SIDE * np.outer(np.arange(SIDE) + 0.5, np.arange(SIDE)))
+    cosines *= np.sqrt(np.where(np.arange(SIDE), 2, 1) / SIDE)
     blocks = luma[:h, :w].reshape(h // SIDE, SIDE, w // SIDE, SIDE)
-    values = product(product(blocks, _COSINES).swapaxes(1, 3), _COSINES)
+    values = product(product(blocks, cosines).swapaxes(1, 3), cosines)
     values = values.transpose(0, 2, 3, 1).reshape(-1, SIDE * SIDE)
     values[:, 0] = 0  # many blocks of even parts have the same mean
     place = np.nonzero(np.abs(values) > 1)
@@ -243,7 +223,9 @@ def quality_of(picture: Floats) -> int | None:
 
     scores = {quality: score(quality) for quality in range(20, 100)}  # 100 leaves no noise
     best = max(scores, key=lambda quality: scores[quality])
-    return best if scores[best] > ON_STEPS else None
+    # In standard deviations of random phases, the mean cosine is 14 to 140 for JPEGs of 256 px, and
+    # up to 6 for pictures reduced by half.
+    return best if scores[best] > 8 else None
 
 
 def coded(drawn: Floats, quality: int, picture: Floats) -> Floats:
@@ -274,12 +256,6 @@ def _jpeg(levels: Any, quality: int, **options: str) -> Any:
     return Image.open(file)
 
 
-CLEAN = 5  # px; width of a block of one colour. Smaller ones also occur in noise
-SEED = 33  # px; text, hatching and the waves of JPEG leave no larger square without such a block
-WINDOW, LEAST = 17, 65  # px; widths of squares that make up a part, and of one that it must have
-EXACT = 1.1 * LEVEL  # largest second difference of values that are only rounded
-
-
 def with_even_photos(pixels: Floats, cores: Ints) -> Floats:
     """Return the picture in which each textured part has its mean colour."""
     photo = textured(pixels, cores)
@@ -287,45 +263,33 @@ def with_even_photos(pixels: Floats, cores: Ints) -> Floats:
         return pixels
     result = pixels.copy()
     part, boxes = arrays.parts_of(photo)
-    for k, tight in enumerate(boxes, 1):
-        box = arrays.widened(tight, 1, photo.shape)
-        inside, values = part[box] == k, pixels[box]
-        color = values[inside].mean(axis=0, dtype=np.float64).astype(pixels.dtype)
-        result[box][inside] = color
-        rim = inside & dilated(~photo[box])
-        inner = inside & ~rim
-        if not rim.any() or not inner.any():
-            continue
-        # Pixels along the outline are mixed of the part and of what is beside it.
-        nearest, beside, share = _between(values, rim, inner, ~photo[box])
-        ground, own = values[beside], values[nearest]
-        share[((own - ground) ** 2).sum(axis=1) < 0.01] = (
-            0.5  # the share of colours that are alike is unknown
-        )
-        if np.abs(values[rim] - ground).sum() > 0.8 * np.abs(own - ground).sum():
-            share[:] = 1.0  # the outline runs between pixels
-        result[box][rim] = ground + share[:, None] * (color - ground)
+    for k, box in enumerate(boxes, 1):
+        inside = part[box] == k
+        result[box][inside] = pixels[box][inside].mean(axis=0, dtype=np.float64)
     return result
 
 
 def textured(pixels: Floats, cores: Ints) -> Bools:
     """Return the pixels (h, w) of textured parts."""
-    seeds = _opened(~_opened(cores >= 0, CLEAN), SEED)
+    # Blocks of one colour below 5 px occur in noise too. Text, hatching and the waves of JPEG leave
+    # no square of over 33 px without such a block.
+    seeds = _opened(~_opened(cores >= 0, 5), 33)
     if not seeds.any():
         return seeds
     # An exact pixel has exact neighbours, so that those of a block have exact values up to its rim.
-    is_exact: Any = ndimage.binary_erosion(bend_of(pixels) <= EXACT, BLOCK, border_value=1)
-    rough = ~dilated(is_exact, CLEAN // 2)
-    part, _ = arrays.parts_of(_opened(rough, WINDOW) | seeds)
+    bend = bend_of(pixels)
+    is_exact: Any = ndimage.binary_erosion(bend <= 1.1 * LEVEL, BLOCK, border_value=1)
+    rough = ~dilated(is_exact, 2)
+    part, _ = arrays.parts_of(_opened(rough, 17) | seeds)
     sizes, seed_sizes = (np.bincount(part[m], minlength=part.max() + 1) for m in (part > 0, seeds))
     # Where noise is faint, fewer squares are seeds, and areas are found.
     # Letters and hatching of a JPEG have no such blocks either.
     edge, even = (np.bincount(part[m], minlength=len(sizes)) for m in two_toned(pixels[..., :3]))
     is_crisp = (edge >= 0.75 * sizes) & (even >= TWO_TONED * edge)
     names = np.flatnonzero((seed_sizes > 0.2 * sizes) & ~is_crisp)
-    whole = np.isin(part, np.intersect1d(names, part[_opened(part > 0, LEAST)]))
+    whole = np.isin(part, np.intersect1d(names, part[_opened(part > 0, 65)]))
     # The squares leave out corners of a part that is turned or round.
-    result: Any = ndimage.binary_dilation(whole, BLOCK, WINDOW // 2, _opened(rough, CLEAN))
+    result: Any = ndimage.binary_dilation(whole, BLOCK, 8, _opened(rough, 5))
     # A core is in or out as a whole, so that a photo has no holes, and letters on it none either.
     sizes = np.bincount(cores[cores >= 0])
     outside = np.bincount(cores[(cores >= 0) & ~result], minlength=len(sizes))
@@ -339,22 +303,6 @@ def _opened(mask: Bools, side: int) -> Bools:
     return ndimage.maximum_filter(least, side, mode="constant").view(bool)
 
 
-def _between(values: Floats, rim: Bools, inside: Bools, others: Bools) -> tuple[Any, Any, Floats]:
-    """Return what the pixels (n,) of a rim are mixed of, and their shares (n,) of the first.
-
-    These are the nearest pixel of `inside`, and the nearest one of `others`.
-    """
-    own, other = (tuple(arrays.distance_to(mask)[1][:, rim]) for mask in (inside, others))
-    way = values[own] - values[other]
-    along = ((values[rim] - values[other]) * way).sum(axis=1)
-    return own, other, np.clip(along / np.maximum((way**2).sum(axis=1), 1e-6), 0, 1)
-
-
-SMOOTH = 0.07  # largest difference of a pixel and its neighbours where there is no edge
-PLAIN = 0.25  # a colour that this share of a part has exactly is that below its shading
-RIM = 3  # px around a part in which pixels are mixed of its colours and others
-
-
 def without_shading(pixels: Floats) -> Floats:
     """Return a picture (h, w, c) in which each part without edges has one paint.
 
@@ -362,7 +310,7 @@ def without_shading(pixels: Floats) -> Floats:
     """
     is_edge = np.zeros(pixels.shape[:2], bool)
     for axis, first, last in ((0, np.s_[:-1], np.s_[1:]), (1, np.s_[:, :-1], np.s_[:, 1:])):
-        differs = np.abs(np.diff(pixels, axis=axis)).max(axis=2) > SMOOTH
+        differs = np.abs(np.diff(pixels, axis=axis)).max(axis=2) > 0.07
         is_edge[first] |= differs
         is_edge[last] |= differs
     part, boxes = arrays.parts_of(~is_edge)
@@ -374,7 +322,7 @@ def without_shading(pixels: Floats) -> Floats:
         values = pixels[ys, xs]
         levels = np.round(values * 255).astype(np.int64) @ 256 ** np.arange(values.shape[1])
         _, first, count = np.unique(levels, return_index=True, return_counts=True)
-        if count.max() >= PLAIN * len(ys):
+        if count.max() >= 0.25 * len(ys):  # the colour below the shading
             even = np.broadcast_to(values[first[count.argmax()]], values.shape)
         else:
             even = paint_of(pixels, ys, xs).at(xs, ys)
@@ -382,12 +330,16 @@ def without_shading(pixels: Floats) -> Floats:
         change[ys, xs] = even - values
         if np.abs(change[ys, xs]).max() < GOOD:
             continue
-        box = arrays.widened(tight, RIM + 1, part.shape)
+        box = arrays.widened(tight, 4, part.shape)
         change, inside, parts = change[box], part[box] == k, part[box] > 0
-        others, rim = parts & ~inside, dilated(inside, RIM) & ~parts
+        others, rim = parts & ~inside, dilated(inside, 3) & ~parts
         if others.any():
-            # A pixel of the rim is mixed of the part and of another one.
-            own, _, share = _between(pixels[box], rim, inside, others)
+            # A pixel of the rim is mixed of the nearest ones of the part and of the others.
+            values, nearest = pixels[box], (arrays.distance_to(m)[1] for m in (inside, others))
+            own, other = (tuple(places[:, rim]) for places in nearest)
+            way = values[own] - values[other]
+            along = ((values[rim] - values[other]) * way).sum(axis=1)
+            share = np.clip(along / np.maximum((way**2).sum(axis=1), 1e-6), 0, 1)
             change[rim] = share[:, None] * change[own]
         result[box] += change
     return np.clip(result, 0, 1)

@@ -27,7 +27,6 @@ from gauss2svg.scene.areas import CAPS, Area, Outline
 RATE = 0.0012  # squared error that a byte of an area must save
 UNIT = 1 / 32  # px of path data
 STEPS = 20  # steps of refinement before nodes are merged, and after each time that they are
-FIRST_RATE = 0.004  # squared error for a byte below which a layer is not even refined
 
 
 class NoDrawingError(Exception):
@@ -87,7 +86,8 @@ def find_areas(
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
     drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
     drawing.focus = focus
-    drawing = drawing.with_layers(merge.without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
+    # Faint layers are not even refined.
+    drawing = drawing.with_layers(merge.without_cheap(drawing, unit, 0.004), is_tied=False)
     find_s = time.perf_counter() - started
     return refined(drawing, rate, unit, progress, STEPS, find_s)
 
@@ -133,7 +133,6 @@ def refined(
         refine(later)
     drawing = drawing.with_layers(merge.without_cheap(drawing, unit, rate))
     drawing = drawing.with_layers(merge.with_caps(drawing, rate))
-    drawing = drawing.with_layers(merge.without_kinks(drawing))
     refine(later)
     return so_far()
 
@@ -204,21 +203,16 @@ def error_and_edges_of(
     picture: Floats, shares: regions.Shares, paints: list[Paint]
 ) -> tuple[float, int]:
     """Return the squared error of the paints of regions, and the number of px between regions."""
-    colors, error = np.array([paint.color for paint in paints], np.float32), 0.0
-    shaded = [k for k, paint in enumerate(paints) if paint.is_shaded]
-    for top in range(0, len(picture), 64):
-        band = np.s_[top : top + 64]  # some rows, because this takes memory
-        label = shares.label[band][..., 0]
-        drawn = colors[label]
-        for k in shaded:
+    label, largest = shares.label[..., 0], shares.largest
+    off = np.array([paint.color for paint in paints], np.float32)[label]
+    for k, paint in enumerate(paints):
+        if paint.is_shaded:
             ys, xs = np.nonzero(label == k)
-            drawn[ys, xs] = paints[k].at(xs, ys + top)
-        squared = ((drawn - picture[band]) ** 2).sum(axis=2)
-        is_pure = shares.share[band][..., 0] == 1
-        error += float(np.where(is_pure, squared, shares.error[band]).sum())
-    largest = shares.largest
+            off[ys, xs] = paint.at(xs, ys)
+    off -= picture
+    squared = np.where(shares.share[..., 0] == 1, (off**2).sum(axis=2), shares.error)
     edges = np.count_nonzero(np.diff(largest)) + np.count_nonzero(np.diff(largest, axis=0))
-    return error, int(edges)
+    return float(squared.sum(dtype=np.float64)), int(edges)
 
 
 def transparent_paint() -> Paint:

@@ -5,12 +5,11 @@ A part becomes strokes if these are closer for their bytes than its outlines.
 Pixels of lines that lie in two rows of pixels, or in two columns, tell only the product of a line's
 width and its contrast: a line of 1 px between two rows has the same pixels as a line of 2 px with
 half the contrast. So other parts of the picture decide: another line, an area of the same colour, a
-crossing, or a line that has two grounds. Where nothing does, faint lines are 1 px wide.
+line that has two grounds. Where nothing does, faint lines are 1 px wide.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -28,21 +27,12 @@ from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Shares
 from gauss2svg.areas.thin import MOST_PARTS, PURE, SAME_COLOR, inside_of
 
-# Px. A disc of radius THICK fits into no narrow part. One of radius WIDE fits into a wide part only
-# where lines cross.
-THICK, WIDE = 2.4, 3.2
-CROSSING = 0.85  # largest radius of a disc where lines cross, in their widths
+WIDE = 3.2  # px; a disc of this radius fits into a wide part only where lines cross
 WIDEST = 5.6  # px; the largest width of a line
 SEEN = 0.12  # least share of a pixel in a part
 LEAST_SHARE = 4.0  # px^2 of a part
-# Px, share of a width, and px^2 divided by the length, by which equal widths differ
-ALIKE_WIDTHS, ALIKE_SHARE, ALIKE_ENDS = 0.05, 0.02, 1.5
-TURN_RAD = np.radians(38)  # least turn at a corner of a centreline
-# Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
-# must cost less by this factor. Wide parts, such as bars, are more often no lines.
-LINE_PRIOR, WIDE_PRIOR = 2.0, 1.0
-NO_LINE = 0.5  # squared error for a px of strokes above which these are not even refined
-NOISE_OF_LINE = 0.008  # squared error for a px of a stroke, which antialiasing of few levels causes
+EVEN = 3 * LEVEL  # largest difference of pixels of one colour
+SAME_PEN = 5 * LEVEL  # largest difference of two colours of lines of a pen
 
 
 class Line(NamedTuple):
@@ -132,7 +122,7 @@ def _thin_parts(shares: Shares, paints: list[Paint], letter_ground: Ints) -> lis
     for names in classes.values():
         share = shares.of(np.array(names))
         is_ground = np.isin(letter_ground, names)
-        thick = _thick(share, THICK)
+        thick = _thick(share, 2.4)
         if thick.any():
             wide = _thick(share, WIDE) | is_ground
             parts += [
@@ -163,23 +153,11 @@ def parts_between(
 
 
 def _thick(share: Floats, radius: float) -> Bools:
-    """Return where discs of a radius lie within the share (h, w) of regions.
-
-    If the radius is WIDE, discs where lines cross are left out.
-    """
+    """Return where discs of a radius lie within the share (h, w) of regions."""
     side = np.arange(-int(radius), int(radius) + 1)
     disc, margin = portable.hypot(side, side[:, None]) < radius, len(side)
     solid = np.pad(share > 0.5, margin, mode="edge")
     opened: Any = ndimage.binary_opening(solid, disc)
-    part, boxes = parts_of(opened)
-    for q, box in enumerate(boxes if radius == WIDE else (), 1):
-        wide = arrays.widened(box, 4, solid.shape)
-        own = part[wide] == q
-        inner: Any = ndimage.distance_transform_edt(np.pad(solid[wide], 1))
-        inner = inner[1:-1, 1:-1]
-        most, width = inner[own].max(), 2 * inner[dilated(own, 3) & ~own].max(initial=0) - 1
-        if most <= CROSSING * width + 0.5 and own.sum() <= 8 * most**2:
-            opened[wide][own] = False
     return dilated(opened)[margin:-margin, margin:-margin]
 
 
@@ -197,12 +175,11 @@ def _chosen(
     widths = dict.fromkeys(width for _, width in strokes)
     as_lines = [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
     length = float(sum(lengths_of(path.segments).sum() for path, _ in strokes))
-    if _error(as_lines, part) > NO_LINE * length:
+    if _error(as_lines, part) > 0.5 * length:
         return []
     contours = outlines.contours_of(part.share, part.box, pixels.shape)
-    as_areas = [Layer(0, [outlines.first_path(c, weight_at, unit, rate) for c in contours])] * bool(
-        contours
-    )
+    paths = [outlines.first_path(c, weight_at, unit, rate) for c in contours]
+    as_areas = [Layer(0, paths)] if paths else []
 
     def fitted_and_cost(layers: list[Layer], tag: float) -> tuple[list[Layer], float]:
         """Return layers that are refined a little, in the box of the part, and their cost."""
@@ -221,12 +198,13 @@ def _chosen(
     # Wide ends may be round, which is decided when all lines are known.
     with_round = _error(list(map(rounded, lines)), part)
     cost -= contrast * max(_error(lines, part) - with_round, 0.0)
-    noise = contrast * NOISE_OF_LINE * length
+    noise = contrast * 0.008 * length  # antialiasing of few levels causes it
     cost = max(cost - noise, 0.0)
     if part.is_wide and cost > noise:
         return []
-    prior = WIDE_PRIOR if part.is_wide else LINE_PRIOR
-    if cost >= prior * fitted_and_cost(as_areas, 10.0)[1]:
+    # Outlines may be closer only because they follow the errors of antialiasing. Wide parts, such
+    # as bars, are more often no lines.
+    if cost >= (1.0 if part.is_wide else 2.0) * fitted_and_cost(as_areas, 10.0)[1]:
         return []
     return [(path, layer.width) for layer in lines for path in layer.paths]
 
@@ -248,7 +226,7 @@ def strokes_of(
         if chain.width >= 1.2 * widest:
             continue
         points = outlines.resampled(points, STEP, chain.closed) + part.corner
-        corners = outlines.turns_of(points, TURN_RAD, chain.closed)
+        corners = outlines.turns_of(points, np.radians(38), chain.closed)
         points, corners = outlines.with_corners(points, corners, chain.closed, cut=5)
         path = outlines.fitted_path(points, corners, weight_at, unit, rate, chain.closed)
         strokes.append((path, chain.width))
@@ -320,7 +298,7 @@ def grouped(lines: list[Line], paints: list[Paint]) -> list[Layer]:
         length = line.length
         alike = known.setdefault(paints[line.region], [])
         for k, (total, layer) in enumerate(alike):
-            most = ALIKE_WIDTHS + ALIKE_SHARE * layer.width + ALIKE_ENDS / max(length, 1.0)
+            most = 0.05 + 0.02 * layer.width + 1.5 / max(length, 1.0)
             if abs(line.width - layer.width) < most:
                 layer.paths.append(line.path)
                 layer.width += (line.width - layer.width) * length / (total + length)
@@ -332,34 +310,18 @@ def grouped(lines: list[Line], paints: list[Paint]) -> list[Layer]:
     return layers
 
 
-LEAST_OF_PEN = 16.0  # px of a line, or of all lines of a pen, that are no noise
-EVEN = 3 * LEVEL  # largest difference of pixels of one colour
-EMPTY = 0.04  # share of a row of pixels in which the line is not
-SAME_PEN = 5 * LEVEL  # largest difference of two colours of lines of a pen
-UNEQUAL = 0.55  # share of the stronger row of a line that is no line of 2 px in these rows
-FAINT = 0.3  # largest contrast of the pixels of a line that is 1 px wide without other evidence
-
-
 class Piece(NamedTuple):
     """A level or upright segment of a line in at most two rows, or columns, of pixels.
 
-    line, segment  indices of the line and of its segment
-    axis       0 for a level segment, 1 for an upright one
-    low, high  its ends along the axis, in px
-    middle     its place across the axis, in px
-    row        row of pixels with most of it
-    share      share of it that this row has
-    ground     (c,) colour beside it
-    total      (c,) sum of the contrasts of its rows
+    line    index of the line
+    length  in px
+    share   share of it that its stronger row has
+    ground  (c,) colour beside it
+    total   (c,) sum of the contrasts of its rows
     """
 
     line: int
-    segment: int
-    axis: int
-    low: float
-    high: float
-    middle: float
-    row: int
+    length: float
     share: float
     ground: Floats
     total: Floats
@@ -369,11 +331,6 @@ class Piece(NamedTuple):
         """The colour (c,) that the line has if it is 1 px wide."""
         return self.ground + self.total
 
-    @property
-    def length(self) -> float:
-        """The length in px."""
-        return self.high - self.low
-
 
 def with_sure_widths(
     pixels: Floats, cores: Ints, lines: list[Line], paints: list[Paint]
@@ -382,13 +339,12 @@ def with_sure_widths(
 
     New colours are added to `paints`.
     """
-    pieces = list[Piece]()
-    sure = list[Line]()
+    pieces, sure = list[Piece](), list[Line]()
     for k, line in enumerate(lines):
         own, length = _pieces_of(pixels, k, line.path), line.length
         if sum(piece.length for piece in own) >= 0.8 * length:
             pieces += own
-        elif line.width > 1.4 and length >= LEAST_OF_PEN:
+        elif line.width > 1.4 and length >= 16:
             sure.append(line)  # it has pixels of its colour
     inside = inside_of(cores, PURE)
     pure = [paints[k].color for k in np.unique(inside[inside >= 0])]
@@ -405,20 +361,19 @@ def with_sure_widths(
         if (pen := next(near, None)) is None:
             pens.append(pen := [])
         pen.append(piece)
-    moved = dict[int, Line]()
+    result = lines.copy()
     for pen in pens:
         alike = next((line for line in sure if _draws(line, paints[line.region].color, pen)), None)
         if alike is not None:
             region, width = alike.region, alike.width
-        elif _is_thin(pixels, pen, pure):
+        elif _is_thin(pen, pure):
             color = np.average([one.color for one in pen], 0, [one.length for one in pen])
             region, width = _region_of(color, paints), 1.0
         else:
             continue
         for one in pen:
-            path = moved.get(one.line, lines[one.line]).path
-            moved[one.line] = Line(region, _at_middle(path, one), width)
-    return [moved.get(k, line) for k, line in enumerate(lines)]
+            result[one.line] = Line(region, lines[one.line].path, width)
+    return result
 
 
 def _pieces_of(pixels: Floats, index: int, path: Path) -> list[Piece]:
@@ -428,14 +383,14 @@ def _pieces_of(pixels: Floats, index: int, path: Path) -> list[Piece]:
     at each end is not measured.
     """
     pieces = []
-    for segment, points in enumerate(path.segments):
+    for points in path.segments:
         low, high = points.min(axis=0), points.max(axis=0)
         axis = int(high[1] - low[1] > high[0] - low[0])
         first, last = round(low[axis] + 1), round(high[axis] - 1)
         top = int(np.floor((low + high)[1 - axis] / 2 - 0.5)) - 2
         picture = pixels if axis == 0 else pixels.swapaxes(0, 1)
-        is_level = (high - low)[1 - axis] <= 1.5 and (high - low)[axis] >= 4
-        if not is_level or top < 0 or top + 6 > len(picture):
+        length, across = (high - low)[axis], (high - low)[1 - axis]
+        if across > 1.5 or length < 4 or top < 0 or top + 6 > len(picture):
             continue
         rows = picture[top : top + 6, max(first, 0) : last].astype(np.float64)
         ground = np.median(rows[0], axis=0)
@@ -446,70 +401,44 @@ def _pieces_of(pixels: Floats, index: int, path: Path) -> list[Piece]:
         is_even = np.abs(rows - ground - off[:, None]).max(axis=(0, 2)) <= EVEN
         total = off.sum(axis=0)
         share = portable.product(off, total) / max(portable.dot(total, total), 1e-9)
-        row = int(share.argmax())
         if (
             is_even.mean() >= 0.4
-            and np.abs(np.sort(share)[:-2]).max() <= EMPTY
+            and np.abs(np.sort(share)[:-2]).max() <= 0.04  # the other rows are empty
             and np.abs(off - share[:, None] * total).max() <= EVEN
         ):
-            middle = top + 0.5 + portable.dot(share, np.arange(6))
-            ends = low[axis], high[axis]
-            pieces.append(
-                Piece(index, segment, axis, *ends, middle, top + row, share[row], ground, total)
-            )
+            pieces.append(Piece(index, length, share.max(), ground, total))
     return pieces
 
 
 def _draws(line: Line, color: Floats, pen: list[Piece]) -> bool:
-    """Whether the width and the colour of a line explain all pieces of a pen."""
+    """Return whether the width and the colour of a line explain all pieces of a pen."""
     off = [line.width * (color - one.ground) - one.total for one in pen]
     return bool(np.abs(off).max() <= SAME_PEN)
 
 
 def _is_in(color: Floats, colors: list[Floats]) -> bool:
-    """Whether a colour is nearly one of some others."""
+    """Return whether a colour is nearly one of some others."""
     return any(np.abs(color - one).max() <= SAME_COLOR for one in colors)
 
 
-def _is_thin(pixels: Floats, pen: list[Piece], pure: list[Floats]) -> bool:
-    """Whether the lines of a pen are 1 px wide. `pure` has the colours of areas and wide lines."""
+def _is_thin(pen: list[Piece], pure: list[Floats]) -> bool:
+    """Return whether the lines of a pen are 1 px wide.
+
+    pure  colours of areas and wide lines
+    """
     color = np.mean([one.color for one in pen], axis=0)
     over_black, over_white = color[:3], color[-3:]
     lowest = min(over_black.min(), (over_white - over_black).min())
     # A colour may leave its range a little, because it was rounded.
     is_color = lowest >= -1.5 * LEVEL and over_white.max() <= 1 + 1.5 * LEVEL
-    if not is_color or sum(one.length for one in pen) < LEAST_OF_PEN:
+    if not is_color or sum(one.length for one in pen) < 16:
         return False
     has_two_grounds = np.abs([one.ground - pen[0].ground for one in pen]).max() > SAME_COLOR
     strongest = max(pen, key=lambda one: one.share)
-    if has_two_grounds or strongest.share > UNEQUAL:
-        return True
-    crossings = [_is_darker(pixels, *two) for two in itertools.permutations(pen, 2) if _cross(*two)]
-    if crossings:
-        return any(crossings)
-    is_faint = 0.5 * np.abs(strongest.total).max() <= FAINT
-    return is_faint or _is_in(color, [*pure, 0 * color, 0 * color + 1])
-
-
-def _cross(one: Piece, other: Piece) -> bool:
-    """Whether a level piece crosses an upright one so that the pixels there tell the width."""
-    return (
-        (one.axis, other.axis) == (0, 1)
-        and one.low + 1 < other.middle < one.high - 1
-        and other.low + 1 < one.middle < other.high - 1
-        and (1 - max(one.share, other.share)) * min(one.share, other.share) > 0.1
-    )
-
-
-def _is_darker(pixels: Floats, one: Piece, other: Piece) -> bool:
-    """Whether two pieces that cross differ more from the ground there than each of them does.
-
-    Lines of 1 px cover a larger share of the pixel there, and wider ones all of the two rows.
-    """
-    off = pixels[one.row, other.row] - one.ground
-    share = portable.dot(off, one.total) / portable.dot(one.total, one.total)
-    most = max(one.share, other.share)
-    return bool(share > most + 0.5 * (1 - most) * min(one.share, other.share))
+    # A line of 2 px has equal rows. Without such evidence, faint lines are thin.
+    is_faint = 0.5 * np.abs(strongest.total).max() <= 0.3
+    is_known = _is_in(color, [*pure, 0 * color, 0 * color + 1])
+    return bool(has_two_grounds or strongest.share > 0.55 or is_faint or is_known)
 
 
 def _region_of(color: Floats, paints: list[Paint]) -> int:
@@ -520,16 +449,3 @@ def _region_of(color: Floats, paints: list[Paint]) -> int:
         off.append(0.0)
         paints.append(Paint(color))
     return int(np.argmin(off))
-
-
-def _at_middle(path: Path, piece: Piece) -> Path:
-    """Return the path of a line with one of its segments in the middle of the rows."""
-    segments, across = path.segments.copy(), 1 - piece.axis
-    count, k = len(segments), piece.segment
-    segments[k, :, across] = piece.middle
-    if path.closed or k + 1 < count:
-        after = (k + 1) % count
-        segments[after, : 1 if path.curved[after] else 2, across] = piece.middle
-    if path.closed or k > 0:
-        segments[k - 1, 3 if path.curved[k - 1] else 2 :, across] = piece.middle
-    return path._replace(segments=segments)

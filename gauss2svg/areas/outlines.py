@@ -13,8 +13,10 @@ weighted squared distance of the points from the segment, and `rate` for each by
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,14 +30,7 @@ from gauss2svg.without_scipy import smoothed
 
 # Function from points (n, 2) to the weight of a squared distance of 1 px along 1 px of an outline
 Weights = Callable[[Floats], Floats]
-# A corner turns by at least CORNER_RAD between the chords to the points ARM points before and after
-# it. The antialiasing has rounded it, so it is put where lines through the points from CUT to LOOK
-# points away meet.
-ARM, CORNER_RAD, CUT, LOOK = 5, np.radians(35), 2, 8
-NOISE = 0.05  # px by which points of a contour are off
-# Least weight, and that beyond the picture. Without them, hidden outlines would have no shape, and
-# would show at the next step.
-HIDDEN, BEYOND = 0.015, 0.003
+ARM = 5  # points before and after a corner between which it turns
 FINE = 3  # samples of a field for each px
 
 _segment_bytes = Kernel("segment_bytes", "int float64 bool float float64")
@@ -85,7 +80,9 @@ def weights_by(contrast: Floats, left: int, top: int, shape: tuple[int, ...]) ->
         x, y = np.floor(points).astype(np.int64).T
         beyond = (points < 0).any(axis=1) | (points > [shape[1], shape[0]]).any(axis=1)
         at = np.clip(y - top, 0, h - 1), np.clip(x - left, 0, w - 1)
-        return np.where(beyond, BEYOND, np.maximum(contrast[at], HIDDEN))
+        # Without a least weight, hidden outlines would have no shape, and would show at the next
+        # step.
+        return np.where(beyond, 0.003, np.maximum(contrast[at], 0.015))
 
     return weight_at
 
@@ -175,14 +172,17 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
 def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
     """Return the first curves through a closed contour (n, 2)."""
     points = resampled(points, 0.5)
-    points, corners = with_corners(points, turns_of(points, CORNER_RAD))
+    points, corners = with_corners(points, turns_of(points, np.radians(35)))
     return fitted_path(points, corners, weight_at, unit, rate, True)
 
 
 def with_corners(
-    points: Floats, corners: Ints, closed: bool = True, cut: int = CUT
+    points: Floats, corners: Ints, closed: bool = True, cut: int = 2
 ) -> tuple[Floats, Ints]:
     """Return a polyline (n, 2) whose corners are no longer rounded, and their indices in it.
+
+    A corner is put where lines through the points on both sides meet, from `cut` to cut + 6 points
+    away.
 
     cut  number of points before and after a corner by which it has been rounded
     """
@@ -193,7 +193,7 @@ def with_corners(
         gap = [gaps[i - 1], gaps[i]]
         if not closed:
             gap = [min(gap[0], corner + cut), min(gap[1], n - 1 - corner + cut)]
-        reach = [min(LOOK + cut - CUT, one - cut - 1) for one in gap]
+        reach = [min(cut + 6, one - cut - 1) for one in gap]
         if min(reach) >= cut + 2:
             sides = [
                 points[(corner + sign * np.arange(cut, most + 1)) % n]
@@ -239,95 +239,76 @@ def fitted_path(
     if not closed:
         gap[-1] = 0.0
     weight = weight_at(points) * 0.5 * (gap + np.roll(gap, 1))
-    return merged_path(points, weight, start, None, closed, unit, rate, NOISE**2)
+    return merged_path(points, weight, start, None, closed, unit, rate, 0.05**2)
 
 
-class _Fit(NamedTuple):
-    """A segment (4, 2), the weighted squared error of the points of a piece, and its bytes."""
+class _Piece(NamedTuple):
+    """A run of points, from its first to its last one, and the segment (4, 2) that draws it.
 
+    error is the weighted squared error of the points, and size the bytes of the segment.
+    """
+
+    run: tuple[int, int]
     segment: Floats
     is_curve: bool
     error: float
     size: float
 
 
-_Run = tuple[int, int]  # first and last point of a piece
+def _merge(
+    pieces: list[_Piece], closed: bool, fitted: Callable[[int, int], _Piece], rate: float
+) -> None:
+    """Merge neighbouring pieces while that lowers the cost, and a path is left."""
+
+    def cost(piece: _Piece) -> float:
+        return piece.error + rate * piece.size
+
+    def offer(k: int) -> tuple[float, _Piece]:
+        """Return by how much the cost falls if a piece and the next are one, and that one."""
+        one, other = pieces[k], pieces[(k + 1) % len(pieces)]
+        if not closed and other is pieces[0]:
+            return -math.inf, one
+        merged = fitted(one.run[0], one.run[1] + other.run[1] - other.run[0])
+        return cost(one) + cost(other) - cost(merged), merged
+
+    least = 1 + closed
+    if len(pieces) <= least:
+        return
+    gains, merged = map(list, zip(*map(offer, range(len(pieces))), strict=True))
+    while len(pieces) > least and (gain := max(gains)) > 0:
+        k = gains.index(gain)
+        for values, value in ((pieces, merged[k]), (merged, merged[k]), (gains, gain)):
+            values[k] = value
+            if k + 1 == len(values):  # the last piece and the first one become the first one
+                values[0] = values.pop()
+            else:
+                del values[k + 1]
+        k %= len(pieces)
+        for near in (k, (k - 1) % len(pieces)):
+            gains[near], merged[near] = offer(near)
 
 
-class _Pieces:
-    """The pieces of a path, each with its run, its fit, and the indices of its neighbours, or -1.
+def _move_joins(pieces: list[_Piece], fitted: Callable[[int, int], _Piece]) -> None:
+    """Move the smooth joins of the curves of a closed path while that lowers the error.
 
-    A piece that was merged into the one before it is no longer among those of `order`.
+    Pieces are merged from where a contour happens to begin, so one curve of a disc can be much
+    longer than the others, and farther off. This counts most if there are at most three curves
+    (docs/decisions/areas.md).
     """
-
-    def __init__(self, runs: list[_Run], fits: list[_Fit], closed: bool) -> None:
-        n = len(runs)
-        self.run, self.fit, self._left, self._first = runs, fits, n, 0
-        self.after = [*range(1, n), 0 if closed else -1]
-        self._before = [n - 1 if closed else -1, *range(n - 1)]
-
-    def order(self) -> Iterator[int]:
-        """Yield the indices of the pieces along the path."""
-        k = self._first
-        for _ in range(self._left):
-            yield k
-            k = self.after[k]
-
-    def merge(
-        self, least: int, fitted: Callable[[_Run], _Fit], cost: Callable[[_Fit], float]
-    ) -> None:
-        """Merge neighbours while that lowers the cost, and at least `least` pieces are left."""
-        if self._left <= least:
-            return
-        gain, pair = np.full(len(self.fit), -np.inf), {}
-
-        def offer(k: int) -> None:
-            """Fit a piece together with the next one, if there is one."""
-            gain[k] = -np.inf
-            if (j := self.after[k]) >= 0:
-                (first, last), (begin, end) = self.run[k], self.run[j]
-                pair[k] = (first, last + end - begin), fitted((first, last + end - begin))
-                gain[k] = cost(self.fit[k]) + cost(self.fit[j]) - cost(pair[k][1])
-
-        for k in self.order():
-            offer(k)
-        while self._left > least and gain[k := int(gain.argmax())] > 0:
-            j = self.after[k]
-            self.run[k], self.fit[k] = pair[k]
-            self.after[k] = after = self.after[j]
-            if after >= 0:
-                self._before[after] = k
-            self._first = k if j == self._first else self._first
-            self._left, gain[j] = self._left - 1, -np.inf
-            offer(k)
-            if self._before[k] >= 0:
-                offer(self._before[k])
-
-    def move_joins(self, fitted: Callable[[_Run], _Fit]) -> None:
-        """Move the smooth joins of the curves of a closed path while that lowers the error.
-
-        Pieces are merged from where a contour happens to begin, so one curve of a disc can be much
-        longer than the others, and farther off. This counts most if there are at most three curves
-        (docs/decisions/areas.md).
-        """
-        if self._left > 3:
-            return
-        for shift, k in itertools.product((8, 4, 2, 1), list(self.order())):
-            j = self.after[k]
-            u = self.fit[k].segment[3] - self.fit[k].segment[2]
-            v = self.fit[j].segment[1] - self.fit[j].segment[0]
-            turn = portable.arctan2(u[0] * v[1] - u[1] * v[0], portable.dot(u, v))
-            for by in (-shift, shift) if abs(turn) < 0.2 else ():
-                while True:
-                    (first, last), (begin, end) = self.run[k], self.run[j]
-                    if min(last - first + by, end - begin - by) <= 1:
-                        break
-                    before = fitted((first, last + by))
-                    after = fitted((last + by, last + end - begin))
-                    if before.error + after.error >= self.fit[k].error + self.fit[j].error:
-                        break
-                    self.run[k], self.run[j] = (first, last + by), (begin + by, end)
-                    self.fit[k], self.fit[j] = before, after
+    for shift, k in itertools.product((8, 4, 2, 1), range(len(pieces))):
+        j = (k + 1) % len(pieces)
+        u = pieces[k].segment[3] - pieces[k].segment[2]
+        v = pieces[j].segment[1] - pieces[j].segment[0]
+        turn = portable.arctan2(u[0] * v[1] - u[1] * v[0], portable.dot(u, v))
+        for by in (-shift, shift) if abs(turn) < 0.2 else ():
+            while True:
+                (first, last), (begin, end) = pieces[k].run, pieces[j].run
+                if min(last - first + by, end - begin - by) <= 1:
+                    break
+                before, after = fitted(first, last + by), fitted(begin + by, end)
+                if before.error + after.error >= pieces[k].error + pieces[j].error:
+                    break
+                pieces[k], pieces[j] = before, after
 
 
 def sampled(segments: Floats, curved: Bools, count: Ints) -> Floats:
@@ -341,16 +322,6 @@ def sampled(segments: Floats, curved: Bools, count: Ints) -> Floats:
     cubic = [u * u * u, 3 * u * u * t, 3 * u * t * t, t * t * t]
     basis = np.where(curved[owner], cubic, [u, np.zeros_like(t), 0 * t, t])
     return (basis.T[..., None] * segments[owner]).sum(axis=1)
-
-
-def fitted_curve(points: Floats) -> Floats:
-    """Return the cubic (4, 2) that is closest to a run of points (n, 2)."""
-    n, segment = len(points), np.empty((4, 2))
-    ends = np.array([0, n - 1])
-    _fit_run(
-        n, points, np.ones(n), 0.0, np.empty(2 * n + 2), ends, True, 1.0, 0.0, segment, np.empty(3)
-    )
-    return segment
 
 
 def merged_path(
@@ -379,46 +350,37 @@ def merged_path(
         for only_curves in (True, False)
     )  # fmt: skip
 
-    def best_of(fit: Callable[[], int], ends: _Run) -> _Fit:
-        run[:] = ends
+    def best_of(fit: Callable[[], int], first: int, last: int) -> _Piece:
+        run[:] = first, last
         fit()
         is_curve, error, size = result.tolist()
-        return _Fit(segment.copy(), bool(is_curve), error, size)
+        return _Piece((first, last), segment.copy(), bool(is_curve), error, size)
 
-    def curve(ends: _Run) -> _Fit:
-        return best_of(fit_curve, ends)
-
-    def line_or_curve(ends: _Run) -> _Fit:
-        return best_of(fit_any, ends)
-
-    def cost(fit: _Fit) -> float:
-        return fit.error + rate * fit.size
-
-    runs = list(itertools.pairwise(start.tolist()))
+    curve = functools.partial(best_of, fit_curve)
+    line_or_curve = functools.partial(best_of, fit_any)
+    runs = itertools.pairwise(start.tolist())
+    if path is None:
+        pieces = [curve(*ends) for ends in runs]
+    else:
+        sizes = bytes_of(path.segments, np.ones(len(path.curved), bool), unit).tolist()
+        old = zip(runs, path.segments, path.curved.tolist(), sizes, strict=True)
+        pieces = [_Piece(ends, one, is_curve, 0.0, size) for ends, one, is_curve, size in old]
     # A smooth run becomes few curves only if lines do not compete while it is merged: two short
     # lines have fewer bytes than the curve that replaces them.
-    if path is None:
-        fits = [curve(ends) for ends in runs]
-    else:
-        count = len(path.curved)
-        sizes = bytes_of(path.segments, np.ones(count, bool), unit).tolist()
-        fits = list(map(_Fit, path.segments, path.curved.tolist(), [0.0] * count, sizes))
-    pieces = _Pieces(runs, fits, closed)
-    least = 2 if closed else 1
-    pieces.merge(least, curve, cost)
-    if closed:
-        pieces.move_joins(curve)
+    _merge(pieces, closed, curve, rate)
+    if closed and len(pieces) <= 3:
+        _move_joins(pieces, curve)
     # Now straight lines may replace curves, and merge.
-    for k in pieces.order():
-        fit, old = line_or_curve(pieces.run[k]), pieces.fit[k]
-        if not fit.is_curve and cost(fit) < cost(old):
-            pieces.fit[k] = fit
+    for k, old in enumerate(pieces):
+        new = line_or_curve(*old.run)
+        if not new.is_curve and new.error + rate * new.size < old.error + rate * old.size:
+            pieces[k] = new
         elif not old.is_curve:
             size = float(bytes_of(old.segment[None], np.zeros(1, bool), unit)[0])
-            pieces.fit[k] = old._replace(size=size)
-    pieces.merge(least, line_or_curve, cost)
-    left = [pieces.fit[k] for k in pieces.order()]
-    segments, curved = np.array([fit.segment for fit in left]), np.array([f.is_curve for f in left])
+            pieces[k] = old._replace(size=size)
+    _merge(pieces, closed, line_or_curve, rate)
+    segments = np.array([piece.segment for piece in pieces])
+    curved = np.array([piece.is_curve for piece in pieces])
     # Neighbours share their nodes exactly.
     segments[1:, 0] = segments[:-1, 3]
     if closed:

@@ -223,14 +223,11 @@ def _stops(place: Floats, colors: Floats) -> tuple[Floats, Floats, float]:
 
 def paints_of(pixels: Floats, labels: Ints, count: int) -> list[Paint]:
     """Return the paint of each region. Regions of nearly the same colour share a paint."""
-    order = np.argsort(labels, axis=None, kind="stable")
     sizes = np.bincount(labels[labels >= 0], minlength=count)
-    ends = np.cumsum(sizes) + np.count_nonzero(labels < 0)
-    w = labels.shape[1]
-    paints = []
-    for k in range(count):
-        at = order[ends[k] - sizes[k] : ends[k]]
-        paints.append(paint_of(pixels, at // w, at % w))
+    boxes = find_objects(labels + 1, max_label=count)
+    paints = [
+        paint_of(pixels, *pixels_of(labels[box] == k, box)) for k, box in enumerate(boxes) if box
+    ]
     shared: list[Paint] = []
     for k in np.argsort(-sizes, kind="stable"):
         paint = paints[k]

@@ -16,8 +16,6 @@ corner of the cell to its centre.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
-from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -29,15 +27,6 @@ if TYPE_CHECKING:  # all runs import this module, and few need the kernels
     from gauss2svg.areas.arrays import Bools, Floats, Ints
 
 MOST_COLORS = 128  # largest number of colours of a sprite
-MOST_CHANGES = 2**15  # pairs of neighbouring cells that differ. The file then has up to 290 kB
-# A colour is one of antialiased edges or gradients if BLENDED of its pixels lie between two others,
-# whose colours mix to it. Sprites have fewer than MOST_BLENDED of the pixels at edges in such
-# colours, drawings over twice as many (docs/decisions/areas.md).
-BLENDED, MOST_BLENDED = 0.6, 0.03
-# Neighbours whose colours differ by at most SLIGHT levels are steps of a gradient, or noise. A
-# sprite has them at less than MOST_SLIGHT of its edges. The first value is for smaller cells.
-SLIGHT, MOST_SLIGHT = (12, 3), 0.2
-MOST_TRIED = 1e7  # cells of all layers that are tried in search of the best order
 # Steps along x and y of the eight directions of outlines, clockwise from the right.
 ACROSS, DOWN = (1, 1, 0, -1, -1, -1, 0, 1), (0, 1, 1, 1, 0, -1, -1, -1)
 
@@ -69,17 +58,19 @@ def sprite_of(pixels: NDArray[np.float32]) -> Sprite | None:
     down, across = codes[1:] != codes[:-1], codes[:, 1:] != codes[:, :-1]
     places = [np.flatnonzero(down.any(axis=1)) + 1, np.flatnonzero(across.any(axis=0)) + 1]
     side = int(np.gcd.reduce(np.concatenate([*places, codes.shape])))
-    if np.count_nonzero(down) + np.count_nonzero(across) > MOST_CHANGES * side:
-        return None
+    if np.count_nonzero(down) + np.count_nonzero(across) > 2**15 * side:
+        return None  # the file would have over 290 kB
     colors, cells = np.unique(codes[::side, ::side], return_inverse=True)
     cells = cells.reshape(height // side, width // side)
     if not 2 <= len(colors) <= min(MOST_COLORS, cells.size // 4):
         return None
     levels = colors[:, None] >> np.array([0, 8, 16, 24]) & 255
-    is_visible = side >= 3  # such cells are kept even if they were antialiased once
-    if _slight_share(cells, levels, SLIGHT[is_visible]) > MOST_SLIGHT:
+    # Cells of 3 px are seen, and so kept even if they were antialiased once. Neighbours that differ
+    # by few levels are steps of a gradient, or noise.
+    if _slight_share(cells, levels, 12 if side < 3 else 3) > 0.2:
         return None
-    if not is_visible and _blended_share(cells, levels) > MOST_BLENDED:
+    # Drawings have over twice as many blended pixels (docs/decisions/areas.md).
+    if side < 3 and _blended_share(cells, levels) > 0.03:
         return None
     return Sprite(cells, levels, side)
 
@@ -101,7 +92,10 @@ def _slight_share(cells: Ints, levels: NDArray[np.int64], most: int) -> float:
 
 
 def _blended_share(cells: Ints, levels: NDArray[np.int64]) -> float:
-    """Return which share of the pixels at edges has colours of antialiased edges."""
+    """Return which share of the pixels at edges has colours of antialiased edges.
+
+    Most pixels of such a colour lie between two others, whose colours mix to it.
+    """
     color = levels * np.where(np.arange(4) < 3, levels[:, 3:] / 255, 1)
     mixed, at_edge = np.zeros(cells.shape, bool), np.zeros(cells.shape, bool)
     for axis in (0, 1):
@@ -119,111 +113,62 @@ def _blended_share(cells: Ints, levels: NDArray[np.int64]) -> float:
         is_mixed &= off <= np.maximum(0.1**2 * square, 3**2)
         mix[at[0] + 1, at[1]] |= is_mixed
     counts = np.bincount(cells.ravel(), minlength=len(levels))
-    blended = np.bincount(cells.ravel(), mixed.ravel(), len(levels)) > BLENDED * counts
+    blended = np.bincount(cells.ravel(), mixed.ravel(), len(levels)) > 0.6 * counts
     return counts[blended].sum() / max(np.count_nonzero(at_edge), 1)
 
 
 def areas_of_sprite(sprite: Sprite, overlap: bool = True) -> tuple[tuple[Area, ...], Color | None]:
     """Return the areas of a sprite in px, the lowest one first, and the background below them.
 
-    The background is None if a cell is not opaque.
+    The background is None if a cell is not opaque. What is transparent is drawn first, then what is
+    partly transparent, because it hides nothing. After that come the larger colours.
 
     overlap  whether areas reach under those that are drawn later. Otherwise they are shorter, but
              what is below both shows between them at a size that is no multiple of the cells
     """
-    search = _Layers(sprite, overlap)
-    order = search.best_order()
-    is_clear = sprite.levels[:, 3].min() < 255
+    alpha, count = sprite.levels[:, 3], np.bincount(sprite.cells.ravel())
+    order = np.lexsort((-count, (alpha > 0).astype(int) + (alpha == 255)))
+    is_clear = alpha.min() < 255
+    cells = np.pad(sprite.cells, 2, constant_values=-1)
+    later = np.append(alpha == 255, False)  # the last one is what is beside the sprite
     areas = []
     for k, color in enumerate(order):
-        *rgb, alpha = sprite.levels[color].tolist()
-        if alpha and (is_clear or k):
-            outlines = search.outlines(color, order[k + 1 :])
-            paint = tuple(value / 255 for value in rgb)
-            areas.append(Area(outlines, paint, round(alpha / 255, 3)))
+        later[color] = False
+        if alpha[color] == 0 or (k == 0 and not is_clear):  # the first layer is the background
+            continue
+        ys, xs = np.nonzero(cells == color)
+        top, left = ys.min() - 2, xs.min() - 2
+        box = cells[top : ys.max() + 3, left : xs.max() + 3]
+        hidden = later[box] if overlap else np.zeros(box.shape, bool)
+        lower = (box != color) & ~later[box] & (box >= 0)
+        corner = 2 * np.array([left - 2, top - 2])
+        loops = [
+            (points + corner) * 0.5 * sprite.side
+            for points in _loops(_shortest(box == color, hidden, lower))
+        ]
+        outlines = tuple(Outline(tuple(map(tuple, p)), (False,) * len(p)) for p in loops)
+        *rgb, opacity = (sprite.levels[color] / 255).tolist()
+        areas.append(Area(outlines, tuple(rgb), round(opacity, 3)))
     ground = None if is_clear else tuple((sprite.levels[order[0], :3] / 255).tolist())
     return tuple(areas), ground
 
 
-class _Layers:
-    """The layers of a sprite: what each covers, given those that are drawn later."""
+def _shortest(own: Bools, hidden: Bools, lower: Bools) -> Bools:
+    """Return the edges of the shortest layer of a colour.
 
-    def __init__(self, sprite: Sprite, overlap: bool) -> None:
-        self._sprite, self._overlap, self._tried = sprite, overlap, 0
-        self._cells = np.pad(sprite.cells, 2, constant_values=-1)
-        self._cost = cache(lambda color, above: self._shortest(color, above)[0])
-        self._boxes = list[tuple[slice, slice]]()
-        for color in range(len(sprite.levels)):
-            places = np.nonzero(self._cells == color)
-            rows, columns = (slice(at.min() - 2, at.max() + 3) for at in places)
-            self._boxes.append((rows, columns))
+    It reaches under its neighbours by triangles, by half a cell or by a cell.
 
-    def best_order(self) -> list[int]:
-        """Return the colours in the order of drawing. It makes a short file.
-
-        What is transparent is drawn first, then what is partly transparent, because it hides
-        nothing. After that come the larger colours, but neighbours are swapped as long as this
-        makes the file shorter.
-        """
-        levels, cells = self._sprite.levels, self._sprite.cells
-        alpha, count = levels[:, 3], np.bincount(cells.ravel())
-        kind = (alpha > 0).astype(int) + (alpha == 255)
-        order = np.lexsort((-count, kind)).tolist()
-        is_free = bool(kind.min() == 2)  # the first layer is the background, and costs nothing
-        for _ in range(4):
-            is_same = True
-            for k in range(np.count_nonzero(kind < 2), len(order) - 1):
-                first, second, above = order[k], order[k + 1], frozenset(order[k + 2 :])
-                now, then = (
-                    (k > 0 or not is_free) * self._cost(a, above | {b}) + self._cost(b, above)
-                    for a, b in ((first, second), (second, first))
-                )
-                if then < now:
-                    order[k : k + 2], is_same = [second, first], False
-                if self._tried > MOST_TRIED:
-                    return order
-            if is_same:
-                break
-        return order
-
-    def outlines(self, color: int, above: Collection[int]) -> tuple[Outline, ...]:
-        """Return the outlines in px of the layer of a colour, below the layers of others."""
-        rows, columns = self._boxes[color]
-        corner = 2 * np.array([columns.start - 2, rows.start - 2])
-        _, starts = self._shortest(color, above)
-        half = 0.5 * self._sprite.side
-        return tuple(
-            Outline(tuple(map(tuple, (points + corner) * half)), (False,) * len(points))
-            for points in _loops(starts)
-        )
-
-    def _shortest(self, color: int, above: Collection[int]) -> tuple[float, Bools]:
-        """Return the cost and the edges of the shortest layer of a colour.
-
-        It reaches under its neighbours by triangles, by half a cell or by a cell.
-        """
-        cells = self._cells[self._boxes[color]]
-        self._tried += cells.size
-        later = np.append(np.isin(np.arange(len(self._boxes)), list(above)), False)
-        later &= np.append(self._sprite.levels[:, 3] == 255, False)
-        own, hidden = cells == color, later[cells]
-        lower = ~own & ~hidden & (cells >= 0)
-        if not self._overlap:
-            hidden = np.zeros_like(own)
-        near = np.zeros_like(own)
-        near[1:-1] |= own[2:] | own[:-2]
-        near[:, 1:-1] |= own[:, 2:] | own[:, :-2]
-        hides = _quarters(hidden)
-        needed = _quarters(own) | (hides & _facing(own))
-        free = hides & ~_facing(lower)
-        shapes = needed, needed | (free & needed[..., ::-1]), needed | (free & _quarters(near))
-        best = math.inf, np.zeros(0, bool)
-        for shape in shapes if hidden.any() else shapes[:1]:
-            starts = _edges(shape)
-            cost = _cost_of(starts)
-            if cost < best[0]:
-                best = cost, starts
-        return best
+    own, hidden, lower  (h, w) cells of the colour, those of later colours, and those of earlier
+                        ones, whose edges the layer does not touch
+    """
+    near = np.zeros_like(own)
+    near[1:-1] |= own[2:] | own[:-2]
+    near[:, 1:-1] |= own[:, 2:] | own[:, :-2]
+    hides = _quarters(hidden)
+    needed = _quarters(own) | (hides & _facing(own))
+    free = hides & ~_facing(lower)
+    shapes = needed, needed | (free & needed[..., ::-1]), needed | (free & _quarters(near))
+    return min(map(_edges, shapes if hidden.any() else shapes[:1]), key=_cost_of)
 
 
 def _quarters(cells: Bools) -> Bools:
@@ -253,21 +198,17 @@ def _edges(shape: Bools) -> Bools:
 
     The shape (8, h + 1, w + 1) lies to the right of its edges.
     """
-    upright, level = shape[..., 1], shape[..., 0]
-    top, bottom, left, right = upright.copy(), level.copy(), level.copy(), upright.copy()
-    top[::2], bottom[::2] = level[::2], upright[::2]
-    left[:, ::2], right[:, ::2] = upright[:, ::2], level[:, ::2]
-    h, w = level.shape
+    h, w, _ = shape.shape
     starts = np.zeros((8, h + 1, w + 1), bool)
-    starts[0, 1:h, :w] = top[1:] & ~bottom[:-1]
-    starts[4, 1:h, 1:] = bottom[:-1] & ~top[1:]
-    starts[2, :h, 1:w] = right[:, :-1] & ~left[:, 1:]
-    starts[6, 1:, 1:w] = left[:, 1:] & ~right[:, :-1]
-    a, b = level & ~upright, upright & ~level
-    starts[1, :h:2, :w:2], starts[1, 1:h:2, 1:w:2] = b[::2, ::2], a[1::2, 1::2]
-    starts[5, 1::2, 1::2], starts[5, 2::2, 2::2] = a[::2, ::2], b[1::2, 1::2]
-    starts[3, :h:2, 2::2], starts[3, 1:h:2, 1::2] = a[::2, 1::2], b[1::2, ::2]
-    starts[7, 1::2, 1:w:2], starts[7, 2::2, :w:2] = b[::2, 1::2], a[1::2, ::2]
+    for turn in range(4):  # so that edges to the right and by 45 degrees downwards suffice
+        level, upright = (np.rot90(shape[..., k], turn) for k in (turn % 2, 1 - turn % 2))
+        top, bottom = upright.copy(), level.copy()
+        top[::2], bottom[::2] = level[::2], upright[::2]
+        right, down = np.zeros((2, *np.add(level.shape, 1)), bool)
+        right[1:-1, :-1] = top[1:] & ~bottom[:-1]
+        down[:-1:2, :-1:2] = (upright & ~level)[::2, ::2]
+        down[1:-1:2, 1:-1:2] = (level & ~upright)[1::2, 1::2]
+        starts[2 * turn : 2 * turn + 2] = np.rot90(right, -turn), np.rot90(down, -turn)
     return starts
 
 

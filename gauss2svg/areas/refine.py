@@ -18,7 +18,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +30,6 @@ from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
 RATE = 4.0  # samples for each px of an outline
-CG_STEPS = 40
-BASE = 0.01  # damping of every parameter, in squared error for a px^2
-# Damping of a path, as a share of the diagonal of the normal equations
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 0.03, 1e-3, 1e5
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 _compose_layers = Kernel(
@@ -264,16 +260,10 @@ class Drawing:
         from scipy.sparse import csr_array
 
         h, w, _ = self.shape
-        parts = [
-            (paint, self.part(self.visible, k), self.box[k, :2])
-            for k, paint in enumerate(self._paint)
-        ]
+        parts: list[tuple[Paint, Floats, Any]] = [(self.ground, self.above, (0, 0))]
+        for k, paint in enumerate(self._paint):
+            parts.append((paint, self.part(self.visible, k), self.box[k, :2]))
         rest = self.pixels.reshape(h * w, -1).copy()
-        if not self.ground.is_shaded:
-            parts.insert(0, (self.ground, self.above, np.zeros(2, np.int64)))
-        else:
-            seen = np.where(self.above > LEAST_SHOWN, self.above, 0).reshape(-1, 1)
-            rest -= seen * self._memory_of("ground", h * w, self.shape[2])
         # The pixels where each flat paint shows, and what shows of it there
         flat: dict[Paint, list[tuple[Ints, Floats]]] = {}
         for paint, share, (x, y) in parts:
@@ -308,12 +298,13 @@ class Drawing:
         if not self.layers:
             return
         error = self.draw() - self.pixels
-        damping, quiet = np.full(len(self.closed), FIRST_DAMPING), 0
+        damping, quiet = np.full(len(self.closed), 0.03), 0
         for n in range(steps):
             before = squared(error)
             self.weigh()
             if colors and n in (3, 11):
-                error = self._with_new_colors(error)
+                self.solve_colors()
+                error = self.draw() - self.pixels
                 self.weigh()
             error, damping = self._stepped(error, damping)
             # Three steps that lower the error by less than a thousandth are the last ones.
@@ -322,18 +313,6 @@ class Drawing:
                 on_step(n + 1)
             if quiet >= 3:
                 break
-
-    def _with_new_colors(self, error: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Solve the colours again, and return the new error, unless it is larger than `error`."""
-        kept = [paint.color for paint in self.paints]
-        self.solve_colors()
-        new = self.draw() - self.pixels
-        if squared(new) <= squared(error):
-            return new
-        for paint, color in zip(self.paints, kept, strict=True):
-            paint.color = color
-        self.draw()
-        return error
 
     def _stepped(
         self, error: NDArray[np.float32], damping: Floats
@@ -373,13 +352,13 @@ class Drawing:
             worse = rise > 1e-6 * before
             if attempt == 0:
                 damping = np.where(worse, damping * 6, damping / 3)
-                damping = np.clip(damping, LEAST_DAMPING, MOST_DAMPING)
+                damping = np.clip(damping, 1e-3, 1e5)
             if gain > 0 and (attempt == 1 or rise[worse].sum() <= 0.2 * gain):
                 return new, damping
             moves &= ~worse
         self.point, self.width = point, width
         self.draw()
-        return error, np.minimum(damping * 4, MOST_DAMPING)
+        return error, np.minimum(damping * 4, 1e5)
 
     def _solved(
         self, samples: tuple[Ints, Ints, Floats, Floats], rows: Floats, damping: Floats
@@ -412,12 +391,12 @@ class Drawing:
         by_point = diagonal[:widths].reshape(-1, 2)
         by_point = 0.5 * (by_point + by_point.mean(axis=1, keepdims=True))
         damp = np.append(damping[self.point_path][:, None] * by_point, 0.1 * diagonal[widths:])
-        damp += BASE
+        damp += 0.01
         # Solve (J'J + D) step = r by conjugate gradients, preconditioned by the diagonal.
         diagonal, image = diagonal + damp, np.empty_like(rows)
         step, p = np.zeros_like(r), r / diagonal
         rz = first = portable.dot(r, p)
-        for _ in range(CG_STEPS):
+        for _ in range(40):
             # So no division is by 0: D is positive, and p is not 0 if rz is not.
             if rz < 1e-8 * first or rz < 1e-18:
                 break
@@ -446,10 +425,6 @@ class Drawing:
                 self.layers, self.width, itertools.pairwise(self.layer_start), strict=True
             )
         ]
-
-
-SMOOTH_RAD = np.radians(12)  # largest turn at a join that is smooth
-MIRROR = 1.5  # largest ratio of the handles of a smooth join that become equally long
 
 
 class Ties(NamedTuple):
@@ -492,7 +467,7 @@ def tied(
     u, v = point[node] - point[one], point[other] - point[node]
     long_u, long_v = portable.hypot(*u.T), portable.hypot(*v.T)
     turn = np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
-    is_smooth = (turn <= SMOOTH_RAD) & (np.minimum(long_u, long_v) >= 0.3)
+    is_smooth = (turn <= np.radians(12)) & (np.minimum(long_u, long_v) >= 0.3)
     at = np.flatnonzero(is_smooth & (before >= 0) & (was_curved | curved))
     node, one, other, u, v, long_u, long_v = (
         values[at] for values in (node, one, other, u, v, long_u, long_v)
@@ -502,7 +477,7 @@ def tied(
     leads &= ~both | (long_u >= long_v)
     master, follower = np.where(leads, [one, other], [other, one])
     ratio = np.where(leads, long_v / long_u, long_u / long_v)
-    ratio[both & (ratio >= 1 / MIRROR) & (ratio <= MIRROR)] = 1.0
+    ratio[both & (ratio >= 1 / 1.5) & (ratio <= 1.5)] = 1.0
     # Two handles turn to their mean direction.
     way = u / long_u[:, None] + v / long_v[:, None]
     way *= (np.where(leads, -long_u, long_v) / portable.hypot(*way.T))[:, None]

@@ -7,7 +7,6 @@ under what it encloses. But the ground is no layer: where it shows, regions have
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -102,13 +101,8 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
     beside it and that of a pixel or of another region nearby.
     """
     labels = labels.copy()
-    order = np.argsort(labels, axis=None, kind="stable")
-    ends = np.cumsum(np.bincount(labels.ravel() + 1, minlength=count + 1))
-    values = pixels.reshape(labels.size, -1)[order]
-    median = np.zeros((count, pixels.shape[2]))
-    for k, (start, end) in enumerate(itertools.pairwise(ends)):
-        middle = np.median if end - start < 1000 else np.mean  # a median takes long
-        median[k] = middle(values[start:end], axis=0)
+    channels = np.moveaxis(pixels, 2, 0)
+    color = np.stack([ndimage.mean(one, labels, np.arange(count)) for one in channels], axis=1)
     for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
         if box is None:
             continue
@@ -120,11 +114,11 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
         beside, counts = np.unique(labels[near][ring & (labels[near] >= 0)], return_counts=True)
         beside = beside[counts > 0.12 * counts.sum()]
         # All that is beside it must have nearly one colour.
-        if not len(beside) or np.abs(median[beside] - median[beside[0]]).max() > 0.1:
+        if not len(beside) or np.abs(color[beside] - color[beside[0]]).max() > 0.1:
             continue
-        ground, shade = median[beside[0]], median[k] - median[beside[0]]
+        ground, shade = color[beside[0]], color[k] - color[beside[0]]
         wide = labels[arrays.widened(box, 27, labels.shape)]
-        others = median[np.unique(wide[wide >= 0])]
+        others = color[np.unique(wide[wide >= 0])]
         for colors, most, least in ((pixels[near][ring], 0.93, 2), (others, 0.9, 1)):
             axis = colors - ground
             share = portable.product(axis, shade) / np.maximum((axis**2).sum(axis=1), 1e-9)

@@ -9,6 +9,7 @@ the picture.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -21,25 +22,9 @@ from gauss2svg.photo.pixels import from_views
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene.areas import Area, Color
 
-SIDE, BAND = 6, 4  # px on both sides of an edge that are looked at, and of them those with bands
-EDGE, STEEP = 48 * LEVEL, 0.4  # least contrast of an edge, and the share of it in one step
-PLATEAU = 0.03  # share of the contrast by which the two outermost px of a side may differ
-FALL = 2.2 * LEVEL, 0.15  # least step back beside an edge, and the largest share of the contrast
-# Least number of edges with such a step, and their share of all edges. Drawings that a filter
-# reduced have a share of at least .33, others at most .1 (docs/decisions/areas.md).
-LEAST_EDGES, LEAST_SHARE = 8, 0.25
-WIDTH, NEAR = 3, 7  # px; bands are narrower than WIDTH. The contrast of NEAR x NEAR pixels counts
-# Bands have at most this share of the contrast, and what is left of them at most the second one.
-BANDS, LEFT = 0.12, 0.03
+SIDE = 6  # px on both sides of an edge that are looked at
+LEFT = 0.03  # share of the contrast that is left of bands when their filter is known
 CLIPPED = 9 * LEVEL  # bands of alpha reach so far from 0 and 1, beyond which alpha is clipped
-# Least share of the changes of a filter that a picture has if the filter reduced it. It is .23 to
-# 1, because areas of thin parts may take on over half of them, as other colours and widths.
-EXPLAINED = 0.2
-# Share of the mean error that a filter must leave in a JPEG, whose noise changes by it. It leaves
-# .43 to .85 of those that it reduced, and .98 or more of others.
-LEAVES = 0.9
-TIMES, MOST_PIXELS = 4, 2**19  # factor by which drawings are reduced, half of it for larger ones
-FILTERS = BICUBIC, LANCZOS = 2, 3  # px to which the filters of Pillow reach
 
 
 def is_rung(picture: Floats) -> bool:
@@ -52,7 +37,7 @@ def is_rung(picture: Floats) -> bool:
 
 def _has_rung_colors(picture: Floats) -> bool:
     luma = portable.product(channels_of(picture)[..., -3:], LUMA[0].astype(np.float32))
-    return _steps_back(luma, FALL[0])
+    return _steps_back(luma, 2.2 * LEVEL)
 
 
 def _steps_back(plane: Floats, least: float) -> bool:
@@ -63,18 +48,22 @@ def _steps_back(plane: Floats, least: float) -> bool:
             continue
         step = np.diff(rows)[:, SIDE - 1 : 1 - SIDE]
         whole = rows[:, 2 * SIDE - 1 :] - rows[:, : 1 - 2 * SIDE]
-        y, x = np.nonzero((np.abs(whole) > EDGE) & (step * np.sign(whole) > STEEP * np.abs(whole)))
+        # At an edge, one step has most of the contrast.
+        is_edge = (np.abs(whole) > 48 * LEVEL) & (step * np.sign(whole) > 0.4 * np.abs(whole))
+        y, x = np.nonzero(is_edge)
         profile = rows[y[:, None], x[:, None] + np.arange(2 * SIDE)]
         contrast, way = np.abs(whole[y, x]), np.sign(whole[y, x])[:, None]
         sides = np.stack([way * profile[:, SIDE:], -way * profile[:, SIDE - 1 :: -1]])
-        is_even = (np.abs(sides[..., -1] - sides[..., -2]) <= PLATEAU * contrast).all(axis=0)
-        fall = -np.diff(sides[..., :BAND]).min(axis=(0, 2))
+        is_even = (np.abs(sides[..., -1] - sides[..., -2]) <= 0.03 * contrast).all(axis=0)
+        fall = -np.diff(sides[..., :4]).min(axis=(0, 2))  # bands are within 4 px
         edges += np.count_nonzero(is_even)
-        rung += np.count_nonzero(is_even & (fall > least) & (fall < FALL[1] * contrast))
-    return bool(rung >= max(LEAST_EDGES, LEAST_SHARE * edges))
+        rung += np.count_nonzero(is_even & (fall > least) & (fall < 0.15 * contrast))
+    # It is a share of .33 and more in reduced drawings, and of at most .1 in others
+    # (docs/decisions/areas.md).
+    return bool(rung >= max(8, 0.25 * edges))
 
 
-def without_bands(picture: Floats, most: float = BANDS) -> Floats:
+def without_bands(picture: Floats, most: float = 0.12) -> Floats:
     """Return a picture without narrow bands that differ little from what is on both sides.
 
     most  difference as a share of the contrast nearby
@@ -86,11 +75,9 @@ def without_bands(picture: Floats, most: float = BANDS) -> Floats:
         if not _has_rung_colors(picture):
             return picture
     values = channels_of(picture)
-    high, low = (
-        f(values, (NEAR, NEAR, 1)) for f in (ndimage.maximum_filter, ndimage.minimum_filter)
-    )
+    high, low = (f(values, (7, 7, 1)) for f in (ndimage.maximum_filter, ndimage.minimum_filter))
     for smooth in (ndimage.grey_opening, ndimage.grey_closing):
-        new = smooth(values, (WIDTH, WIDTH, 1))
+        new = smooth(values, (3, 3, 1))
         values = np.where(np.abs(new - values) <= most * (high - low), new, values)
     return _picture(values)
 
@@ -104,42 +91,39 @@ def unrung(
     areas, background  those of the source, as far as they are known
     code  function that changes a drawing as JPEG has changed the picture. None: nothing has
     """
+    from PIL import Image  # few pictures need it
+
     values, changed = channels_of(picture), code or (lambda drawn: drawn)
     (height, width, _) = values.shape
-    times = TIMES if height * width <= MOST_PIXELS else TIMES // 2
+    times = 4 if height * width <= 2**19 else 2
     large = _enlarged(areas, background, height, width, times)
     mean = large.reshape(height, times, width, times, -1).mean(axis=(1, 3))
 
     def off(drawn: Floats) -> float:  # few pixels of shadows have large errors
         return float(np.abs(drawn - values).sum())
 
-    unfiltered, *both = map(changed, (mean, *(reduced(large, k, times) for k in FILTERS)))
+    filters = Image.Resampling.BICUBIC, Image.Resampling.LANCZOS
+    unfiltered, *both = map(changed, (mean, *(reduced(large, times, one) for one in filters)))
     drawn = min(both, key=off)
     change = drawn - unfiltered
     explained = (change * (values - unfiltered)).sum() / max(float((change**2).sum()), 1e-9)
-    is_likely = explained > EXPLAINED and (code is None or off(drawn) < LEAVES * off(unfiltered))
+    # It is .23 to 1 of the changes, because areas of thin parts may take on over half of them. In a
+    # JPEG, whose noise changes by it, a filter leaves .43 to .85 of the error, others .98 or more.
+    is_likely = explained > 0.2 and (code is None or off(drawn) < 0.9 * off(unfiltered))
     return _picture(values - drawn + mean) if is_likely else None
 
 
-def reduced(large: Floats, reach: int, times: int = TIMES) -> Floats:
-    """Return a picture (h, w, c) that is reduced to 1 / times of its size by a filter of Pillow."""
-    at = (np.arange(2 * reach * times) + 0.5) / times - reach
-    x = np.abs(at)
-    inner, outer = (1.5 * x - 2.5) * x**2 + 1, ((2.5 - 0.5 * x) * x - 4) * x + 2
-    weights = np.where(x < 1, inner, outer) if reach == BICUBIC else _sinc(at) * _sinc(at / reach)
-    weights = (weights / weights.sum()).astype(np.float32)
-    margin = reach * times - times // 2
-    for _ in range(2):  # first across, and both times clipped, as in 8 bits
-        padded = np.pad(large.swapaxes(0, 1), [(margin, margin), (0, 0), (0, 0)], "edge")
-        end = len(padded) - len(weights) + 1
-        rows = (padded[k : k + end : times] for k in range(len(weights)))
-        large = np.clip(sum(w * row for w, row in zip(weights, rows, strict=True)), 0, 1)
-    return large
+def reduced(large: Floats, times: int, resampling: Any) -> Floats:
+    """Return a picture (h, w, c) that Pillow reduced to 1 / times of its size, in 8 bits."""
+    from PIL import Image
 
-
-def _sinc(x: Floats) -> Floats:
-    """Return sin(pi x) / (pi x)."""
-    return portable.sin(np.pi * x) / (np.pi * x)
+    levels = np.round(255 * np.clip(large, 0, 1)).astype(np.uint8)
+    size = large.shape[1] // times, large.shape[0] // times
+    views = [
+        Image.fromarray(np.ascontiguousarray(levels[..., k : k + 3])).resize(size, resampling)
+        for k in range(0, levels.shape[2], 3)
+    ]
+    return np.concatenate([np.asarray(view, np.float32) for view in views], axis=2) / 255
 
 
 def _enlarged(

@@ -8,6 +8,7 @@ this picture, and their exact coverage is not.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,13 +37,6 @@ Floats = NDArray[np.float64]
 # Function that returns the raster (h, w, 3), or (h, w, 4) with straight alpha, of areas
 Rasterize = Callable[[tuple[Area, ...]], NDArray[np.float32]]
 MOST_IN_BOXES = 100_000_000  # px of all areas' boxes, which take 16 bytes each, or 28 with alpha
-MOST_PIXELS = 400 * 400  # larger pictures take more memory, and .2 px of them are seen less
-# Points (12, 2) of the outline of a circle of radius 1, as four cubic curves
-_AROUND = [turn * place for turn in (1, 1j, -1, -1j) for place in (1, 1 + 0.5523j, 0.5523 + 1j)]
-_CIRCLE = np.array([(place.real, place.imag) for place in map(complex, _AROUND)])
-# Ratios of the errors of the raster and of exact coverage: before the steps, so high that another
-# renderer made the picture, and after them, at most that of a picture of this renderer
-UNLIKE, LIKELY = 8.0, 1.6
 
 
 def refined_areas(
@@ -82,8 +76,11 @@ def with_ellipses_as_areas(scene: Scene) -> Scene:
     """
     if not scene.areas or not len(scene) or (scene.drawn != PLAIN).any():
         return scene
+    # The outline of a circle of radius 1, as four cubic curves
+    turns: Any = np.array([1, 1j, -1, -1j])[:, None] * [1, 1 + 0.5523j, 0.5523 + 1j]
+    circle = np.stack([turns.real.ravel(), turns.imag.ravel()], axis=1)
     factor = scene.factor * covered_radius(scene.beta)[:, None, None]
-    points = (_CIRCLE[:, None] * factor[:, None]).sum(axis=3) + scene.mean[:, None]
+    points = (circle[:, None] * factor[:, None]).sum(axis=3) + scene.mean[:, None]
     ellipses = [
         Area((Outline(own, (True,) * 4),), color, opacity)
         for own, color, opacity in zip(
@@ -151,7 +148,7 @@ def as_rasterized(
     code  function that changes a raster as JPEG has changed the picture. None: nothing has
     """
     pixels = channels_of(picture)
-    if pixels.shape[0] * pixels.shape[1] > MOST_PIXELS:
+    if pixels.shape[0] * pixels.shape[1] > 400 * 400:  # .2 px are seen less in larger ones
         return areas
     page = None if background is None else np.array(background)
     drawing = drawing_of(pixels, pixels, areas, page)
@@ -166,9 +163,10 @@ def as_rasterized(
         return np.concatenate([over_black, over_black + 1 - image[..., 3:]], axis=-1)
 
     drawing.rasterize = raster
-    is_closer = squared(drawing.draw() - pixels) <= UNLIKE * exact
+    # If another renderer made the picture, the raster has many times the error of exact coverage.
+    is_closer = squared(drawing.draw() - pixels) <= 8 * exact
     if is_closer:
         drawing.refine(4, colors=False)
-        is_closer = squared(drawing.draw() - pixels) <= LIKELY * exact
+        is_closer = squared(drawing.draw() - pixels) <= 1.6 * exact
     drawing.rasterize = None  # it would keep the memory of the drawing
     return shown_areas(drawing)[0] if is_closer else areas

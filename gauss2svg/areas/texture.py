@@ -16,20 +16,11 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 
-TILE, TILES = 32, 1024  # side in px, and number, of the tiles that are looked at in larger pictures
-LEVELS = np.array([77, 128, 50, 100], np.float32)  # weights of red, green, blue and alpha
 SMOOTH = 2.0  # largest difference of neighbours in a smooth block of 2 x 2 pixels, in levels of 255
-SMOOTH_SHARE = 0.05  # the same as a share of the edge beside the block, for the waves of JPEG
-EDGE, EDGE_PX = 24.0, 4  # least height in levels, and width in px, of an edge between two blocks
-# The more of a picture is smooth, the fewer crisp edges it needs (docs/decisions/areas.md). The
-# number of edges at a pixel must be at least exp(-STEEPNESS * share) - FREE_EDGES.
-STEEPNESS, FREE_EDGES = 9.3, 3e-5
+EDGE_PX = 4  # largest width of an edge between two blocks
 # In small logos as JPEG, few blocks are smooth. A picture of at most LOGO px a side is a drawing if
 # TWO_TONED of its pixels near edges are as on one side of them. Photos have at most .64.
 LOGO, TWO_TONED = 512, 0.65
-# A picture of at most ICON px a side has few such edges. If this share of its blocks has one
-# colour, it is a drawing. Photos have at most .1.
-ICON, ONE_COLOR = 32, 0.15
 
 
 def may_have_areas(pixels: NDArray[np.float32]) -> bool:
@@ -40,7 +31,8 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
     tiles = _tiles(pixels)
     if tiles.shape[-1] == 4:
         tiles = np.concatenate([tiles[..., :3] * tiles[..., 3:], tiles[..., 3:]], axis=-1)
-    level = portable.product(tiles, LEVELS[: tiles.shape[-1]])
+    red_green_blue_alpha = np.array([77, 128, 50, 100], np.float32)
+    level = portable.product(tiles, red_green_blue_alpha[: tiles.shape[-1]])
     down, across = (np.abs(np.diff(level, axis=axis)) for axis in (1, 2))
     # Element (y, x) is about the block whose upper left pixel is (y, x).
     rough = np.maximum(
@@ -48,16 +40,18 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
     )
     if min(rough.shape[1:]) <= EDGE_PX:
         return False
-    if max(pixels.shape[:2]) <= ICON and np.mean(rough < 1) >= ONE_COLOR:
+    # Icons have few edges, and one colour in most blocks. Photos have one in at most .1.
+    if max(pixels.shape[:2]) <= 32 and np.mean(rough < 1) >= 0.15:
         return True
     crisp = 0
     for values, ends in ((level, rough), (level.swapaxes(1, 2), rough.swapaxes(1, 2))):
         edge = np.abs(values[:, :-1, 1:-EDGE_PX] - values[:, :-1, EDGE_PX:-1])
         end = np.maximum(ends[:, :, :-EDGE_PX], ends[:, :, EDGE_PX:])
-        is_smooth = end <= np.maximum(SMOOTH, SMOOTH_SHARE * edge)
-        crisp += np.count_nonzero((edge > EDGE) & is_smooth)
-    needed = portable.exp(-STEEPNESS * np.count_nonzero(rough <= SMOOTH) / rough.size)
-    if crisp / level.size + FREE_EDGES >= needed:
+        is_smooth = end <= np.maximum(SMOOTH, 0.05 * edge)  # beside an edge, JPEG leaves waves
+        crisp += np.count_nonzero((edge > 24) & is_smooth)
+    # The more of a picture is smooth, the fewer edges it needs (docs/decisions/areas.md).
+    needed = portable.exp(-9.3 * np.count_nonzero(rough <= SMOOTH) / rough.size)
+    if crisp / level.size + 3e-5 >= needed:
         return True
     if max(pixels.shape[:2]) > LOGO:
         return False
@@ -89,14 +83,13 @@ def two_toned(pixels: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[
 
 
 def _tiles(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return tiles (n, h, w, c) that are spread over a picture, or all of a small picture."""
+    """Return about 1024 tiles (n, 32, 32, c) spread over a picture, or all of a small picture."""
     h, w, _ = pixels.shape
-    if h * w <= TILES * TILE**2:
+    if h * w <= 2**20:
         return pixels[None]
-    rows = min(max(round(math.sqrt(TILES * h / w)), 1), TILES)
-    corners = (
-        np.linspace(0, max(side - TILE, 0), count).astype(int)
-        for side, count in ((h, rows), (w, TILES // rows))
+    rows = min(max(round(math.sqrt(1024 * h / w)), 1), 1024)
+    ys, xs = (
+        np.linspace(0, max(side - 32, 0), count).astype(int)
+        for side, count in ((h, rows), (w, 1024 // rows))
     )
-    ys, xs = corners
-    return np.stack([pixels[y : y + TILE, x : x + TILE] for y in ys for x in xs])
+    return np.stack([pixels[y : y + 32, x : x + 32] for y in ys for x in xs])

@@ -21,18 +21,13 @@ from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.areas.regions import Shares
 from gauss2svg.portable import dot, product
 
-THICK = 5  # px; a region that contains a square of this size is no thin part
 PURE = 3  # px; a square of this size whose pixels have one colour is no mixture
 UNEXPLAINED = 0.0015  # squared error of a pixel that regions do not explain
 RIM = 2  # px around a part in which pixels are mixed of its colour and the ground
-LEAST_ALIKE = 0.99  # cosine of the angle between the directions of two colours from one ground
-# A pixel is pure if it is at most by the share PALER nearer to the ground than the darkest one. Of
-# thin strokes, a smaller share than FEW_PURE is pure.
-PALER, FEW_PURE = 0.03, 0.1
 SAME_COLOR = 6 * LEVEL  # largest difference of a part's colour from a paint that it takes
-# Parts belong to one line of text if they overlap by this share of the lower one's height, and if
-# the gap between them is at most this share of the higher one's height. Dots lie above letters.
-LEAST_OVERLAP, MOST_GAP, DOT_GAP = 0.5, 0.6, 3
+MOST_PARTS = 1000  # because photos have thousands of parts
+MOST_COUNTED = 0.02  # largest squared error that counts for a pixel, because outliers do not decide
+PRICE = 1e-4  # squared error of a pixel by which a new colour must be better
 
 
 class Letter(NamedTuple):
@@ -68,14 +63,23 @@ def add_letters(
     flat = [paint for paint in dict.fromkeys(paints) if not paint.is_shaded]
     for line in _lines_of(letters, paints):
         longest = max(line, key=lambda letter: letter.share.max())
-        half, color = 0.5 * longest.share.max(), longest.darkest
+        half = 0.5 * longest.share.max()
         # Slivers at the edges of thick parts are no text.
         if sum(np.count_nonzero(letter.share > half) for letter in line) < 8:
             continue
-        paint = _known_paint(longest, np.concatenate([letter.share for letter in line]), flat)
-        if paint is None:
-            paint = Paint(color)
-            flat.append(paint)
+        same = [p for p in flat if np.abs(p.color - longest.darkest).max() <= SAME_COLOR]
+        share, most = np.concatenate([letter.share for letter in line]), longest.share.max()
+        if not same and np.mean(share[share > half] > 0.97 * most) < 0.1:
+            # The strokes are so thin that none of their pixels may be pure.
+            base = longest.darkest - most * longest.way
+            for p in flat:
+                way = p.color - base
+                if dot(way, longest.way) > 0.99 * max(np.sqrt(dot(way, way)), most):
+                    same.append(p)
+        if not same:
+            flat.append(Paint(longest.darkest))
+            same = flat[-1:]
+        paint = min(same, key=lambda p: np.abs(p.color - longest.darkest).max())
         for letter in line:
             ys, xs = letter.at
             way = paint.color - paints[letter.region].at(xs, ys)
@@ -90,26 +94,6 @@ def add_letters(
     return ground
 
 
-def _known_paint(longest: Letter, share: Floats, paints: list[Paint]) -> Paint | None:
-    """Return the paint of a line of text if it has that of other regions.
-
-    longest  letter that has the colour that is farthest from the ground
-    share    (n,) distances of the pixels of all its letters
-    """
-    same = [p for p in paints if np.abs(p.color - longest.darkest).max() <= SAME_COLOR]
-    most = longest.share.max()
-    if not same and np.mean(share[share > 0.5 * most] > (1 - PALER) * most) < FEW_PURE:
-        # The strokes are so thin that none of their pixels may be pure.
-        ground = longest.darkest - most * longest.way
-        away = [(p, p.color - ground) for p in paints]
-        same = [
-            p
-            for p, way in away
-            if dot(way, longest.way) > LEAST_ALIKE * max(np.sqrt(dot(way, way)), most)
-        ]
-    return min(same, key=lambda p: np.abs(p.color - longest.darkest).max(), default=None)
-
-
 def inside_of(cores: Ints, size: int) -> Ints:
     """Return the labels (h, w) of pixels around which a square of `size` px has one, or -1."""
     low, high = ndimage.minimum_filter(cores, size), ndimage.maximum_filter(cores, size)
@@ -118,10 +102,10 @@ def inside_of(cores: Ints, size: int) -> Ints:
 
 def _letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]) -> list[Letter]:
     """Return the thin parts of a picture that have one ground and one direction of colours."""
-    pure, inside = inside_of(cores, PURE), inside_of(cores, THICK)
+    pure, inside = inside_of(cores, PURE), inside_of(cores, 5)
     # A crossing of lines has squares of this size too, and gaps in it are no letters. So half of
     # the pixels of a ground are in such squares.
-    opened = ndimage.maximum_filter(inside, THICK)
+    opened = ndimage.maximum_filter(inside, 5)
     thick, whole = (np.bincount(one[one >= 0], minlength=len(paints)) for one in (opened, cores))
     is_thick = thick > 0.5 * whole
     solid = (cores >= 0) & is_thick[cores]
@@ -165,7 +149,7 @@ def _lines_of(letters: list[Letter], paints: list[Paint]) -> list[list[Letter]]:
             if (
                 root[i] != root[j]
                 and paints[one.region] is paints[other.region]
-                and dot(one.way, other.way) > LEAST_ALIKE
+                and dot(one.way, other.way) > 0.99
                 and _are_beside(one.box, other.box)
             ):
                 root[root == root[i]] = root[j]
@@ -178,17 +162,10 @@ def _are_beside(one: Box, other: Box) -> bool:
     down, across = (
         min(a.stop, b.stop) - max(a.start, b.start) for a, b in zip(one, other, strict=True)
     )
-    if across > 0 and down > -DOT_GAP:
+    if across > 0 and down > -3:
         return True
-    return down >= LEAST_OVERLAP * min(heights) and -across <= MOST_GAP * max(heights)
-
-
-MOST_COUNTED = 0.02  # a pixel's squared error counts at most this, because outliers do not decide
-EXPLAINED = 0.6  # a colour must lower the error of a part to this share of it
-# Squared error of a pixel by which a colour must be better to be taken, and more for a new colour
-LEAST_GAIN = PRICE_OF_COLOR = 1e-4
-# Photos have thousands of parts. The strongest parts, and the colours nearest to a part, decide.
-MOST_PARTS, MOST_COLORS = 1000, 24
+    # They overlap by half of the lower one, and the gap is at most .6 of the higher one.
+    return down >= 0.5 * min(heights) and -across <= 0.6 * max(heights)
 
 
 def add_thin_regions(
@@ -208,7 +185,7 @@ def add_thin_regions(
             if len(old) < 3 or old.sum() < 0.02:
                 continue
             paint, cost = _paint_of_part(pixels, labels, at, old, paints, palette)
-            if cost > EXPLAINED * np.minimum(old, MOST_COUNTED).sum():
+            if cost > 0.6 * np.minimum(old, MOST_COUNTED).sum():
                 continue
             name = len(paints)
             paints.append(paint)
@@ -216,7 +193,7 @@ def add_thin_regions(
             grown_part = dilated(part[box] == q + 1) & (cores[box] < 0)
             at = pixels_of(grown_part, box)
             label, share, error = palette.explain(pixels, labels, at, paint.color, name)
-            better = (error < shares.error[at] - LEAST_GAIN) & (label == name).any(axis=1)
+            better = (error < shares.error[at] - PRICE) & (label == name).any(axis=1)
             at = at[0][better], at[1][better]
             shares.label[at], shares.share[at] = label[better], share[better]
             shares.error[at] = error[better]
@@ -244,6 +221,6 @@ def _paint_of_part(
     colors = [np.median(some, axis=0) for some in shares]
     known = list(dict.fromkeys(paint for paint in paints if not paint.is_shaded))
     known.sort(key=lambda paint: np.abs(paint.color - colors[0]).max())
-    tried = [(Paint(c), cost(c) + PRICE_OF_COLOR * count) for c in colors]
-    tried += [(paint, cost(paint.color)) for paint in known[:MOST_COLORS]]
+    tried = [(Paint(c), cost(c) + PRICE * count) for c in colors]
+    tried += [(paint, cost(paint.color)) for paint in known[:24]]
     return min(tried, key=lambda one: one[1])

@@ -65,11 +65,10 @@ def two_at(degrees: float) -> list[Outline]:
 
 # Lines with their widths, and the px within which their ends are found
 CROSSINGS = {
-    **{f"four of {w} px": (dict.fromkeys(FOUR, w), 0.6) for w in (1.5, 2, 3, 5)},
+    **{f"four of {w} px": (dict.fromkeys(FOUR, w), 0.6) for w in (1.5, 3)},
     **{
         f"two of {w} px at {degrees}": (dict.fromkeys(two_at(degrees), w), 0.6)
-        for w in (1.5, 2.5, 4)
-        for degrees in (25, 45, 65, 90)
+        for w, degrees in ((1.5, 25), (2.5, 65), (4, 90))
     },
     "of two widths": (TWO_WIDTHS, 0.6),
     "one that ends at another": (dict.fromkeys(AT_ANOTHER, 2), 1.2),
@@ -87,19 +86,8 @@ def test_a_line_goes_on_through_crossings(name):
         assert len({area.width for area in others}) == len(set(lines.values()))
 
 
-def test_three_lines_may_meet():
-    middle, color = (64.2, 60.4), INK
-    arms = [line(middle, end) for end in ((20.0, 24.5), (106.1, 30.2), (63.0, 115.0))]
-    others = strokes(found([Area((arm,), color, width=2.5) for arm in arms]))
-    ends = np.array([end for row in others for end in row[2:]])
-    assert len(others) <= 3
-    for arm in arms:
-        assert np.hypot(*(ends - arm.points[1]).T).min() < 0.6
-    assert all(row[0] == pytest.approx(2.5, rel=0.1) for row in others)
-
-
-@pytest.mark.parametrize("width", [3, 5])
-def test_ends_are_round_or_butt_as_they_are(width):
+def test_ends_are_round_or_butt_as_they_are():
+    width = 3
     areas = [
         Area((line((20, y), (104, y + 9)),), INK, width=width, cap=cap)
         for y, cap in zip((20, 45.3, 70.2), CAPS, strict=True)
@@ -111,7 +99,7 @@ def test_ends_are_round_or_butt_as_they_are(width):
         assert x == pytest.approx(20 - (area.cap == "square") * width / 2, abs=0.35)
 
 
-@pytest.mark.parametrize(("width", "dash", "gap"), [(1.5, 7, 5), (2, 9, 6), (3, 12, 8)])
+@pytest.mark.parametrize(("width", "dash", "gap"), [(1.5, 7, 5), (3, 12, 8)])
 def test_dashes_stay_dashes(width, dash, gap):
     way = np.array([np.cos(0.2), np.sin(0.2)])
     starts = [np.array([12.0, 40.3]) + k * (dash + gap) * way for k in range(5)]
@@ -122,7 +110,7 @@ def test_dashes_stay_dashes(width, dash, gap):
     assert len(others) == 1
 
 
-@pytest.mark.parametrize(("least", "most"), [(1.5, 4.5), (2, 3), (2, 4)])
+@pytest.mark.parametrize(("least", "most"), [(1.5, 4.5), (2, 3)])
 def test_a_line_whose_width_changes_is_an_area(least, most):
     t = np.linspace(0, 1, 60)
     middle = np.stack([12 + 104 * t, 50 + 12 * np.sin(3 * t)], axis=1)
@@ -162,8 +150,6 @@ def box(left: float, top: float, right: float, bottom: float) -> Outline:
 # Lines as they are drawn, with their colour and width, and what lies below and above them
 IN_TWO_ROWS = {
     "between two rows": ([level(y) for y in (20, 45, 70)], GREY, 1, [], []),
-    "nearer to one row": ([level(y + 0.25) for y in (20, 45, 70)], GREY, 1, [], []),
-    "of several offsets": ([level(y) for y in (20, 45.25, 70.5, 95.6)], GREY, 1, [], []),
     "of one row, and between columns": (
         [*(level(y + 0.5) for y in (20, 45)), *map(upright, (60, 90))], GREY, 1, [], [],
     ),
@@ -171,19 +157,12 @@ IN_TWO_ROWS = {
     "on two grounds": (
         [level(y) for y in (20, 45, 85, 100)], GREY, 1, [Area((box(10, 60, 118, 116),), BLUE)], [],
     ),
-    "beside an area of their colour": (
-        [level(y) for y in (20, 45)], GREY, 1, [], [Area((box(30, 70, 80, 100),), GREY)],
-    ),
     "black": ([level(y) for y in (20, 45)], BLACK, 1, [], []),
-    "wider, of several offsets": ([level(y) for y in (20, 45.25, 70.5, 95)], GREY, 1.5, [], []),
     "2 px wide, beside an area of their colour": (
         [level(y) for y in (20, 45)], PALE, 2, [], [Area((box(30, 70, 80, 100),), PALE)],
     ),
     "2 px wide, beside a wider line of their colour": (
         [level(y) for y in (20, 45)], PALE, 2, [], [Area((level(80),), PALE, width=4)],
-    ),
-    "2 px wide, with crossings": (
-        [*map(level, (20, 45, 70)), *map(upright, (60, 90))], PALE, 2, [], [],
     ),
     "2 px wide, too dark to be half of a colour": (
         [level(y) for y in (20, 45)], (0.3,) * 3, 2, [], [],

@@ -31,8 +31,7 @@ def scene_of(picture, **options) -> Scene:
     return Scene(width, height, background=page, transparent=ground is None, areas=areas)
 
 
-@pytest.mark.parametrize("side", [1, 2, 3, 8])
-@pytest.mark.parametrize("count", [2, 4, 16, 64])
+@pytest.mark.parametrize(("count", "side"), [(2, 1), (4, 2), (16, 1), (64, 3)])
 def test_each_color_but_the_background_is_an_area_and_they_draw_the_sprite_exactly(count, side):
     picture = sprite(count, side)
     scene = scene_of(picture)
@@ -42,8 +41,7 @@ def test_each_color_but_the_background_is_an_area_and_they_draw_the_sprite_exact
     assert np.abs(render(scene, *picture.shape[1::-1]) - picture).max() < 1e-6
 
 
-@pytest.mark.parametrize(("count", "least"), [(2, 90), (4, 38), (16, 30)])
-@pytest.mark.parametrize("scale", [1.375, 2.625])
+@pytest.mark.parametrize(("count", "least", "scale"), [(4, 38, 1.375), (16, 30, 2.625)])
 def test_an_enlarged_sprite_has_in_each_pixel_the_mean_of_its_cells(count, least, scale):
     picture, size = sprite(count, 1), round(24 * scale)
     fine = picture.repeat(size, axis=0).repeat(size, axis=1)
@@ -53,10 +51,10 @@ def test_an_enlarged_sprite_has_in_each_pixel_the_mean_of_its_cells(count, least
         for overlap in (True, False)
     ]
     assert scores[0] > least
-    assert count == 2 or scores[0] > scores[1] + 6
+    assert scores[0] > scores[1] + 6
 
 
-@pytest.mark.parametrize("count", [2, 5, 16])
+@pytest.mark.parametrize("count", [2, 5])
 def test_a_turned_sprite_has_turned_areas(count):
     picture = sprite(count, 1, seed=3)
     scene, turned = scene_of(picture), scene_of(np.rot90(picture))
@@ -91,10 +89,10 @@ def test_outlines_follow_the_pixels_in_as_few_nodes_as_possible():
 
 
 def test_drawings_and_photos_are_no_pixel_art():
-    for file in PICTURES.glob("*.svg"):
-        for side in (32, 64, 256):
+    for file in sorted(PICTURES.glob("*.svg"))[::2]:
+        for side in (32, 64):
             assert sprite_of(as_floats(drawing(file.stem, side))) is None, (file.stem, side)
-    for name in ("astronaut", "camera", "coffee", "page", "text"):
+    for name in ("astronaut", "camera", "page"):
         for photo in (photo_named(name), photo_named(name).resize((48, 48))):
             assert sprite_of(as_floats(photo)) is None, name
             assert sprite_of(as_floats(jpeg(photo, 80))) is None, name

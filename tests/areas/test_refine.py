@@ -81,13 +81,6 @@ def test_refinement_never_raises_the_error():
         assert ((drawing.draw() - target) ** 2).sum() <= before
 
 
-def test_a_layer_that_changes_no_pixel_stays_where_it_is():
-    drawing = drawing_of(OUTLINE, CANVAS + 1, page=1)
-    before = drawing.point.copy()
-    drawing.refine(3)
-    assert (drawing.point == before).all()
-
-
 def test_ties_keep_smooth_joins_smooth_and_level_lines_level():
     """A rounded rectangle stays one while it is fitted to another picture."""
     points = [(6, 4), (16, 4.02), (18, 4), (20, 6), (20, 8), (20.02, 16), (6, 16)]
