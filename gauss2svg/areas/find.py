@@ -133,6 +133,7 @@ def refined(
         refine(later)
     drawing = drawing.with_layers(merge.without_cheap(drawing, unit, rate))
     drawing = drawing.with_layers(merge.with_caps(drawing, rate))
+    drawing = drawing.with_layers(merge.without_kinks(drawing))
     refine(later)
     return so_far()
 

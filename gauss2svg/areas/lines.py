@@ -153,11 +153,24 @@ def parts_between(
 
 
 def _thick(share: Floats, radius: float) -> Bools:
-    """Return where discs of a radius lie within the share (h, w) of regions."""
+    """Return where discs of a radius lie within the share (h, w) of regions.
+
+    If the radius is WIDE, discs where lines cross are left out.
+    """
     side = np.arange(-int(radius), int(radius) + 1)
     disc, margin = portable.hypot(side, side[:, None]) < radius, len(side)
     solid = np.pad(share > 0.5, margin, mode="edge")
     opened: Any = ndimage.binary_opening(solid, disc)
+    part, boxes = parts_of(opened)
+    for q, box in enumerate(boxes if radius == WIDE else (), 1):
+        wide = arrays.widened(box, 4, solid.shape)
+        own = part[wide] == q
+        inner: Any = ndimage.distance_transform_edt(np.pad(solid[wide], 1))
+        inner = inner[1:-1, 1:-1]
+        most, width = inner[own].max(), 2 * inner[dilated(own, 3) & ~own].max(initial=0) - 1
+        # Larger discs are areas that meet.
+        if most <= 0.85 * width + 0.5 and own.sum() <= 8 * most**2:
+            opened[wide][own] = False
     return dilated(opened)[margin:-margin, margin:-margin]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from gauss2svg.areas.arrays import Floats
 from gauss2svg.areas.outlines import (
     Path,
     Weights,
+    fitted_curve,
     lengths_of,
     merged_path,
     sampled,
@@ -21,6 +23,8 @@ from gauss2svg.areas.refine import Drawing, Layer
 
 # Sizes of tags and attributes in bytes: of a layer, and of ends and joins that are round
 BYTES_OF_AREA, BYTES_OF_LINE, BYTES_OF_ROUND = 20.0, 50.0, 44.0
+TURN_RAD = np.radians(25)  # least turn of a kink
+BEND_RAD = np.radians(30)  # least fall of the sum of all turns without a kink
 
 
 def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
@@ -155,3 +159,102 @@ def _shortened(path: Path, by: float) -> Path:
             if not is_curve:
                 p[1] = p[0]
     return path._replace(segments=segments)
+
+
+class Kink(NamedTuple):
+    """A kink of a path: its segment, the curve (4, 2) in place of both beside it, and its place."""
+
+    segment: int
+    curve: Floats
+    place: Floats
+
+
+def without_kinks(drawing: Drawing) -> list[Layer]:
+    """Return the layers of a drawing without needless kinks.
+
+    A kink is a node at which an outline turns, beside a short curve. All of them are replaced by
+    curves without a node and the outlines are refined. What is then as close stays so.
+    """
+    layers = drawing.current()
+    kinks = [[kinks_of(path) for path in layer.paths] for layer in layers]
+    if not any(map(any, kinks)):
+        return layers
+    before = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
+    trial = drawing.with_layers(_all_without(layers, kinks))
+    trial.refine(8, colors=False)
+    after = ((trial.draw() - drawing.pixels) ** 2).sum(axis=-1)
+    rise = drawing.focused(after - before)
+    needless = [
+        [[kink for kink in one if _sum_at(rise, kink.place) <= 0.03] for one in of_layer]
+        for of_layer in kinks
+    ]
+    return _all_without(layers, needless)
+
+
+def _all_without(layers: list[Layer], kinks: list[list[list[Kink]]]) -> list[Layer]:
+    """Return layers without some kinks of their paths."""
+    return [
+        layer.replace([_without(*pair) for pair in zip(layer.paths, of_layer, strict=True)])
+        for layer, of_layer in zip(layers, kinks, strict=True)
+    ]
+
+
+def kinks_of(path: Path) -> list[Kink]:
+    """Return the kinks of a closed path, of which no two touch. An open path has none."""
+    if not path.closed:
+        return []
+    segments, curved, count = path.segments, path.curved, len(path.curved)
+    starts = np.where(curved[:, None], segments[:, 1], segments[:, 3]) - segments[:, 0]
+    ends = segments[:, 3] - np.where(curved[:, None], segments[:, 2], segments[:, 0])
+    turn = _turns(np.roll(ends, 1, axis=0), starts)
+    length = portable.hypot(*(segments[:, 3] - segments[:, 0]).T)
+    is_short = np.minimum(length, np.roll(length, 1)) <= 3
+    kinks = list[Kink]()
+    for k in np.flatnonzero((turn >= TURN_RAD) & is_short & (curved | np.roll(curved, 1))):
+        if kinks and (k - kinks[-1].segment < 2 or (k + 1 == count and not kinks[0].segment)):
+            continue
+        if len(kinks) == count - 2:  # a path needs two segments
+            break
+        pair = [k - 1, k]
+        points = sampled(segments[pair], curved[pair], np.full(2, 24))
+        points = np.vstack([points, segments[k, 3]])
+        curve = fitted_curve(points)
+        new = sampled(curve[None], np.ones(1, bool), np.full(1, 24))
+        new = np.vstack([new, curve[3]])
+        around = ends[k - 2], starts[(k + 1) % count]
+        if _bend(points, *around) - _bend(new, *around) > BEND_RAD:
+            kinks.append(Kink(int(k), curve, segments[k, 0]))
+    return kinks
+
+
+def _bend(points: Floats, before: Floats, after: Floats) -> float:
+    """Return the sum of the turns along points (n, 2) from one direction (2,) to another one."""
+    steps = np.vstack([before, np.diff(points, axis=0), after])
+    return float(_turns(steps[:-1], steps[1:]).sum())
+
+
+def _turns(u: Floats, v: Floats) -> Floats:
+    """Return the angles (k,) between vectors (k, 2), in 0..pi."""
+    return np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
+
+
+def _without(path: Path, kinks: list[Kink]) -> Path:
+    """Return a path with one curve for the two segments beside each of the kinks."""
+    if not kinks:
+        return path
+    segments, curved = path.segments.copy(), path.curved.copy()
+    at = np.array([kink.segment for kink in kinks])
+    segments[at] = [kink.curve for kink in kinks]
+    curved[at] = True
+    left = np.ones(len(curved), bool)
+    left[at - 1] = False
+    return path._replace(segments=segments[left], curved=curved[left])
+
+
+def _sum_at(values: Floats, place: Floats) -> float:
+    """Return the sum of values (h, w) within 3 px of a place along x and y."""
+    x, y = place
+    h, w = values.shape
+    ys = slice(max(int(y - 3), 0), min(int(y + 3) + 1, h))
+    xs = slice(max(int(x - 3), 0), min(int(x + 3) + 1, w))
+    return float(values[ys, xs].sum())

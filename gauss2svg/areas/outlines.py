@@ -324,6 +324,16 @@ def sampled(segments: Floats, curved: Bools, count: Ints) -> Floats:
     return (basis.T[..., None] * segments[owner]).sum(axis=1)
 
 
+def fitted_curve(points: Floats) -> Floats:
+    """Return the cubic (4, 2) that is closest to a run of points (n, 2)."""
+    n, segment = len(points), np.empty((4, 2))
+    ends = np.array([0, n - 1])
+    _fit_run(
+        n, points, np.ones(n), 0.0, np.empty(2 * n + 2), ends, True, 1.0, 0.0, segment, np.empty(3)
+    )
+    return segment
+
+
 def merged_path(
     points: Floats, weight: Floats, start: Ints, path: Path | None, closed: bool, unit: float,
     rate: float, noise: float,
