@@ -112,9 +112,8 @@ class Field:
         numbers_of_kind: Any = numbers.Integral if self.kind is int else numbers.Real
         if not isinstance(value, numbers_of_kind):
             return None
-        number = self.kind(value)
-        is_large = self.least < number if self.is_above else self.least <= number
-        return number if is_large and number <= self.most else None
+        is_large = self.least < value if self.is_above else self.least <= value
+        return self.kind(value) if is_large and value <= self.most else None
 
     @property
     def _needed(self) -> str:
@@ -224,7 +223,7 @@ def byte_size(name: str, value: Any) -> int:
         match = re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)\s*([kmg]?)b?", value.strip().lower())
         units = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
         size = float(match[1]) * units[match[2]] if match else 0.0
-    elif isinstance(value, numbers.Integral):
+    elif isinstance(value, numbers.Integral) and not isinstance(value, bool):
         size = int(value)
     if not 1 <= size < 2**63:
         raise InputError(

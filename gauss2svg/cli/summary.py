@@ -38,7 +38,9 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     if r["inks"] is not None:
         scale = "few inks are far in dB: judge by eye"
     counts = AreaCounts(r["area_count"], r["line_count"], r["node_count"])
-    shapes = f"{counts}, " * any(counts) + f"{r['gaussians']:,} shapes"
+    shapes = f"{r['gaussians']:,} shapes"
+    if any(counts):
+        shapes = f"{counts}, {shapes}" if r["gaussians"] else str(counts)
     rows = {
         "file": f"{output}, {r['width']}x{r['height']} px, {_size(r)}",
         "shapes": f"{shapes}: {_STOPPED[r['stop_reason']]}",

@@ -126,8 +126,11 @@ def opened_by_libvips(file: bytes, loader: str) -> StoredImage:
     if loader == "jpegload":
         reduced = 3 * size if header.get("jpeg-multiscan") else 3
     stored = StoredImage(header.width, header.height, colors, alpha, picture, reduced)
-    # If a file has no resolution, libvips reports 1 px per mm.
-    if header.xres != 1 and ("resolution-unit" in fields or loader == "pngload"):
+    # If a file has no resolution, libvips reports one of its own.
+    has_resolution = "resolution-unit" in fields and header.xres != 1
+    if loader == "pngload" and (place := file.find(b"pHYs", 0, file.find(b"IDAT"))) > 0:
+        has_resolution = file[place + 12 : place + 13] == b"\1"  # the unit: px per metre
+    if has_resolution:
         stored.dpi = header.xres * 25.4, header.yres * 25.4
     stored.orientation = fields.get("orientation", 1)
     stored.profile = fields.get("icc-profile-data")

@@ -261,7 +261,8 @@ def vectorize_by(
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
         # Outlines would follow the rings of the filter that keeps photos sharp.
         is_whole = math.prod(photo.original_size) <= WHOLE_DRAWING
-        is_whole &= load.measured == photo.original_size and options.run.max_memory is None
+        is_whole &= load.measured == photo.original_size
+        is_whole &= options.run.max_size is None and options.run.max_memory is None
         working = pixels if is_whole else averaged(pixels_of(photo), *load.fit[::-1])
         subject = dataclasses.replace(subject, working=working)
     del photo  # frees the photo's pixels, which may be many

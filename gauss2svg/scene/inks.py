@@ -11,6 +11,7 @@ import itertools
 import math
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from gauss2svg.errors import plain_scalar, quoted, refusal
@@ -50,8 +51,9 @@ def check_inks(name: str, value: Any) -> int | str:
     LEAST_INKS..MOST_INKS, if more than MOST_INKS are listed, or if a colour occurs twice.
     """
     value = plain_scalar(value)
-    if isinstance(value, str) and value.strip().isdecimal():
-        value = int(value)
+    if isinstance(value, str):
+        with suppress(ValueError):  # it is no number, or one of thousands of digits
+            value = int(value)
     if isinstance(value, int) and not isinstance(value, bool):
         return Field(name, int, LEAST_INKS, MOST_INKS).checked(value)
     texts: Any = value.split(",") if isinstance(value, str) else value

@@ -57,7 +57,7 @@ def check_text(name: str, text: Any) -> str:
 
 def check_size(name: str, size: Any) -> str:
     """Return `size`. Raise InputError unless it is photo, responsive or a width with a unit."""
-    if size not in ("photo", RESPONSIVE):
+    if not isinstance(size, str) or size not in ("photo", RESPONSIVE):
         _width_of(name, size)
     return size
 
