@@ -54,14 +54,15 @@ def test_an_enlarged_sprite_has_in_each_pixel_the_mean_of_its_cells(count, least
     assert scores[0] > scores[1] + 6
 
 
-@pytest.mark.parametrize("count", [2, 5])
-def test_a_turned_sprite_has_turned_areas(count):
-    picture = sprite(count, 1, seed=3)
+@pytest.mark.parametrize(("count", "cells"), [(2, 24), (5, 24), (20, 10)])
+def test_a_turned_sprite_has_turned_areas(count, cells):
+    picture = sprite(count, 1, 3, cells)
     scene, turned = scene_of(picture), scene_of(np.rot90(picture))
     assert (scene.background == turned.background).all()
     for one, other in zip(scene.areas, turned.areas, strict=True):
         assert one.paint == other.paint
-        covered, again = (coverage_of(area, 0, 0, 96, 96, (4, 4)) for area in (one, other))
+        box = 0, 0, 4 * cells, 4 * cells, (4, 4)
+        covered, again = (coverage_of(area, *box) for area in (one, other))
         np.testing.assert_allclose(np.rot90(covered), again, atol=1e-9)
 
 
