@@ -5,9 +5,10 @@ import pytest
 from test_texture import PICTURES, drawing, jpeg, photo_named
 from test_texture import pixels_of as as_floats
 
-from gauss2svg.areas.pixels import areas_of_sprite, sprite_of
+from gauss2svg.areas.pixels import Sprite, areas_of_sprite, sprite_of
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.pixels import shrunk
+from gauss2svg.pipeline.found import sprite_in_inks
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import Scene
@@ -75,6 +76,13 @@ def test_cells_show_the_page_by_their_alpha():
     assert np.abs(drawn[..., 3] - picture[..., 3]).max() < 0.001
     seen = picture[..., 3:] > 0
     assert np.abs(np.where(seen, drawn[..., :3] - picture[..., :3], 0)).max() < 0.001
+
+
+def test_in_inks_faint_cells_are_transparent_and_the_others_have_the_nearest_ink():
+    levels = np.array([[250, 250, 250, 255], [9, 9, 9, 120], [9, 9, 9, 140]])
+    inked = sprite_in_inks(Sprite(np.arange(3)[None], levels, 1), "#ffffff,#000000")
+    expected = [[255, 255, 255, 255], [0, 0, 0, 0], [0, 0, 0, 255]]
+    assert inked.levels[inked.cells[0]].tolist() == expected
 
 
 def test_outlines_follow_the_pixels_in_as_few_nodes_as_possible():
