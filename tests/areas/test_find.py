@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from gauss2svg.areas.find import find_areas
+from gauss2svg.areas.paint import paint_of
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene.areas import Area, LinearGradient, Outline, RadialGradient
 
@@ -241,3 +242,12 @@ def test_extreme_pictures_have_few_finite_areas(name):
     assert all(np.isfinite(o.points).all() for area in areas for o in area.outlines)
     if name in {"areas at every border", "a row of pixels", "the last row of pixels"}:
         assert np.abs(over(areas, 1.0) - picture).max() < 0.02 or len(areas) == 3
+
+
+@pytest.mark.parametrize("radii", [(40, 20), (20, 40)])
+def test_a_radial_gradient_is_as_wide_and_as_high_as_that_of_the_picture(radii):
+    ys, xs = np.mgrid[:60, :60]
+    distance = np.hypot((xs - 29.5) / radii[0], (ys - 29.5) / radii[1])
+    picture = np.exp(-(distance**2))[..., None] * np.array([0.9, 0.6, 0.3])
+    paint = paint_of(picture, ys.ravel(), xs.ravel())
+    assert np.abs(paint.at(xs, ys) - picture).max() < 8 / 255

@@ -261,6 +261,13 @@ def test_check_prints_a_table_of_several_svgs(picture, tmp_path, capfd, drawn_he
     assert check_table([exact]).splitlines()[1].split()[4] == "equal"
 
 
+def test_check_of_one_svg_prints_its_notes(picture, tmp_path, capsys, drawn_here):
+    (tmp_path / "a.svg").write_text('<svg viewBox="0 0 64 48"/>')
+    assert main(["check", str(picture), str(tmp_path / "a.svg")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "note the root element has no xmlns of SVG, so browsers do not show the file" in said
+
+
 def test_full_help_names_every_option(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     assert main(["batch", "--help"]) == 0

@@ -13,8 +13,6 @@ from gauss2svg.compare.records import COUNTS
 from gauss2svg.compare.table import run_bench, summarise
 from gauss2svg.errors import InputError
 
-pytestmark = pytest.mark.process
-
 
 @pytest.fixture
 def picture(photo, tmp_path):
@@ -45,6 +43,7 @@ def requests(monkeypatch):
     return asked
 
 
+@pytest.mark.process
 def test_real_run_has_all_that_was_promised_and_a_failing_one_is_an_error_row(
     picture, tmp_path, monkeypatch
 ):
@@ -69,6 +68,7 @@ def test_real_run_has_all_that_was_promised_and_a_failing_one_is_an_error_row(
     assert cells_of(folder / "bench.csv") == cells_expected(document["rows"])
 
 
+@pytest.mark.process
 def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys):
     """A run is another one where a source of its enlargement is another one."""
     out, references = tmp_path / "out", {"references": tmp_path}
@@ -90,6 +90,15 @@ def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys)
         run_bench([picture], out, options=BenchOptions(references=out))
 
 
+def test_an_earlier_plot_is_removed_if_no_run_has_its_score(picture, tmp_path, requests):
+    (tmp_path / "psnr_bytes.svg").touch()
+    run_bench([picture], tmp_path, axes={"gaussians": [99]})  # its PSNR is infinite
+    plots = {path.name for path in tmp_path.glob("*_bytes.svg")}
+    assert "psnr_bytes.svg" not in plots
+    assert "ssim_bytes.svg" in plots
+
+
+@pytest.mark.process
 def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_path, requests):
     paths = [save(photo[: 20 + at, :20], tmp_path / f"{at}.png") for at in range(2)]
     rows = run_bench(paths, tmp_path, axes={"gaussians": [5, 7, 13]})

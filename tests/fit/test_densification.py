@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flat import fit_config, session_of
 
-from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, refinement_reduction
+from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, Clock, refinement_reduction
 from gauss2svg.fit.session import DensificationPolicy
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
@@ -112,3 +112,11 @@ def test_an_interrupted_reduced_refinement_ends_at_full_size():
     assert sizes[-1][1] > 1
     assert session.population.reduction == 1
     assert session.scene().mean.max() > 160
+
+
+def test_pauses_of_a_fit_add_up():
+    clock = Clock(None, 1)
+    for _ in range(2):
+        with clock.paused():
+            time.sleep(0.1)
+    assert clock.elapsed_s < 0.1

@@ -303,3 +303,13 @@ def test_conversion_keeps_the_render_of_an_additive_scene(photo):
     for scene, blend in ((composited, "over"), (additive, "add")):
         with pytest.raises(InputError, match="the scene must be additive, and fitted by a config"):
             convert_additive(scene, config=fit_config(blend=blend))
+
+
+@pytest.mark.parametrize("move", [(4, 0), (0, 4)])
+def test_a_fit_that_begins_with_a_scene_moves_its_shapes_to_where_they_are_now(move):
+    scene = random_scene(20, 64, 48)
+    picture = render(scene.replace(mean=scene.mean + move)).clip(0, 1)
+    session = session_of(picture, fit_config(20))
+    session.population.begin_with(scene)
+    psnr = metrics.psnr(render(session.scene()), picture)
+    assert psnr > metrics.psnr(render(scene), picture) + 5

@@ -151,3 +151,10 @@ def test_what_cannot_fit_is_refused_by_its_header(kind, monkeypatch):
 def test_a_stream_that_is_read_once_is_still_read(photo):
     once = SimpleNamespace(read=io.BytesIO(as_png(photo)).read)
     assert vectorize(once, **QUICK).report["width"] == 128
+
+
+def test_decoding_a_transparent_photo_takes_more_memory():
+    opaque, transparent = (Header(4000, 3000, has_alpha) for has_alpha in (False, True))
+    memory.check_decoding(opaque, 10**9, is_reduced=False)
+    with pytest.raises(InputError, match="memory must be at least"):
+        memory.check_decoding(transparent, 10**9, is_reduced=False)

@@ -1,6 +1,5 @@
 """A real studio: fits, cancellations, deaths and ends."""
 
-import asyncio
 import base64
 import gzip
 import io
@@ -17,7 +16,7 @@ from fastapi import FastAPI
 from flat import vectorize
 from pictures import ball
 from PIL import Image
-from studio_server import answer_of, running, with_client
+from studio_server import answer_of, running
 
 from gauss2svg import check
 from gauss2svg.cli.main import main
@@ -151,24 +150,6 @@ def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_plac
         assert server.client.get(address).status_code == (200 if way == "stop" else 404)
         # What is forgotten leaves no file.
         assert len(set(folder.iterdir()) - before) == (2 if way == "stop" else 1)
-
-
-def test_the_oldest_finished_jobs_are_forgotten(png, monkeypatch):
-    monkeypatch.setattr(jobs, "Pool", PoolHere)
-    monkeypatch.setattr(jobs, "MOST_KEPT", 2)
-    studio = create_app()
-    queue = studio.app.state.jobs
-
-    async def story(client):
-        made = []
-        for _ in range(4):
-            data, files = {"options": SHORT}, {"photo": ("p.png", png)}
-            answer = (await client.post("/api/jobs", data=data, files=files)).json()
-            made.append(queue.by_id[answer["id"]])
-        kept = [job.id in queue.by_id for job in made]
-        assert [job.folder.exists() for job in made] == kept == [False, True, True, True]
-
-    asyncio.run(with_client(studio, story))
 
 
 def test_a_killed_worker_or_a_broken_photo_costs_its_own_fit_and_says_so(server, png):

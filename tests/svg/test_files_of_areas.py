@@ -290,6 +290,17 @@ def test_a_drawing_of_one_colour_has_it_at_the_root_alone(markup, color, clear):
     assert write_svg(two, svg_format) == write_svg(two, SvgFormat(markup=markup))
 
 
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_areas_of_the_background_colour_are_no_second_colour(markup):
+    paints = [(0.8, 0.2, 0.0), (1.0, 1.0, 1.0)]
+    areas = [dataclasses.replace(a, paint=paints[k % 2]) for k, a in enumerate(random_areas(6, 2))]
+    scene = Scene(40, 30, areas=areas, background=(1, 1, 1))
+    own = write_svg(scene, SvgFormat(markup=markup, current_color=True))
+    assert "currentColor" in own
+    plain = write_svg(scene, SvgFormat(markup=markup))
+    np.testing.assert_array_equal(rasterize(own, 80, 60), rasterize(plain, 80, 60))
+
+
 @pytest.mark.parametrize("kind", ["editable", "masks", "style sheet"])
 def test_two_drawings_in_one_page_are_drawn_as_each_alone(kind):
     def page(*svgs: str) -> np.ndarray:
