@@ -228,7 +228,7 @@ class Limits(DensificationPolicy):
             share = 1.0 if is_last else 1.04 if refines else 1.25
             if refines or now.count >= 200:
                 scene = self._exporter.quantized(now.scene(), psnr)
-                self._bytes_each = self._exporter.bytes_each(scene)
+                self._bytes_each = self._exporter.bytes_each(scene, share * limit)
             counts["max_bytes"] = self._in_bytes(share * limit)
         return counts
 
@@ -340,7 +340,7 @@ class Limits(DensificationPolicy):
             share = (limit - below.size) / (above.size - below.size)
             return int(len(below.scene) + share * (len(above.scene) - len(below.scene)))
         if count:
-            self._bytes_each = self._exporter.bytes_each(exports[-1].scene)
+            self._bytes_each = self._exporter.bytes_each(exports[-1].scene, limit)
         return self._in_bytes(limit)
 
     def _slope(self, exports: Sequence[Export]) -> float:

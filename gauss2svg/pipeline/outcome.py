@@ -173,10 +173,24 @@ class Exporter:
         written = self.quantized(scene, psnr)
         return written.scaled(scene.width / written.width, scene.height / written.height)
 
-    def bytes_each(self, quantized: Scene) -> float:
-        """Return the mean number of bytes that a shape of a scene takes in its file."""
-        size = self._size(write_svg(quantized, self._plan.format, self._subject.document))
-        return max(size - self.empty_bytes, 1) / max(len(quantized) - self._in_ground, 1)
+    def bytes_each(self, quantized: Scene, size: float) -> float:
+        """Return the mean number of bytes of a shape in a file of `size` bytes with such shapes.
+
+        A minimal file has masks, which take fewer bytes than gradients, if its shapes are few. So
+        if the scene takes more bytes, a part of it is measured too.
+        """
+        count, left = max(len(quantized) - self._in_ground, 1), max(size - self.empty_bytes, 1)
+        whole = self._bytes_above_ground(quantized)
+        fewer = int(count * left / whole)
+        if self._in_ground or not 0 < fewer < count:
+            return whole / count
+        part = quantized.select(np.linspace(0, count - 1, fewer).astype(int))
+        less = min(self._bytes_above_ground(part), whole - 1)
+        return left / (fewer + (left - less) / (whole - less) * (count - fewer))
+
+    def _bytes_above_ground(self, scene: Scene) -> int:
+        svg = write_svg(scene, self._plan.format, self._subject.document)
+        return max(self._size(svg) - self.empty_bytes, 1)
 
     @cached_property
     def empty_bytes(self) -> int:
