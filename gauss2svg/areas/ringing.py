@@ -114,16 +114,25 @@ def unrung(
 
 
 def reduced(large: Floats, times: int, resampling: Any) -> Floats:
-    """Return a picture (h, w, c) that Pillow reduced to 1 / times of its size, in 8 bits."""
+    """Return a picture (h, w, c) that Pillow reduced to 1 / times of its size, in 8 bits.
+
+    Colours over black and alpha are reduced each by itself, and clipped.
+    """
     from PIL import Image
 
-    levels = np.round(255 * np.clip(large, 0, 1)).astype(np.uint8)
-    size = large.shape[1] // times, large.shape[0] // times
-    views = [
-        Image.fromarray(np.ascontiguousarray(levels[..., k : k + 3])).resize(size, resampling)
-        for k in range(0, levels.shape[2], 3)
+    black, size = large[..., :3], (large.shape[1] // times, large.shape[0] // times)
+    has_alpha = large.shape[2] == 6
+    alpha = (
+        1 - (large[..., 3:] - black).mean(axis=2, keepdims=True) if has_alpha else black[..., :0]
+    )
+    levels = np.round(255 * np.clip(np.concatenate([black, alpha], axis=2), 0, 1)).astype(np.uint8)
+    planes = [
+        Image.fromarray(plane).resize(size, resampling) for plane in np.moveaxis(levels, 2, 0)
     ]
-    return np.concatenate([np.asarray(view, np.float32) for view in views], axis=2) / 255
+    result = np.stack([np.asarray(plane, np.float32) for plane in planes], axis=2) / 255
+    if not has_alpha:
+        return result
+    return np.concatenate([result[..., :3], result[..., :3] + 1 - result[..., 3:]], axis=2)
 
 
 def _enlarged(

@@ -77,7 +77,9 @@ def run(given: dict[str, Any]) -> int:
         if len({photo for photo, _ in pairs}) > 1:
             got = f"{len(pairs)} photos"
             raise refusal("--reference", "given with one photo", got, "one photo")
-    targets = [_pictures(output, svg, is_one) for _, svg in pairs]
+    folders = {os.path.dirname(os.path.abspath(svg)) for _, svg in pairs}
+    root = None if is_one else os.path.commonpath(folders)
+    targets = [_pictures(output, svg, root) for _, svg in pairs]
     is_printed = str(output.report) == STANDARD_STREAM
     report = [] if output.report is None or is_printed else [output.report]
     report = [Path(in_folder(path, "check.json")) for path in report]
@@ -170,17 +172,22 @@ def _pairs(asked: CheckFiles) -> tuple[list[tuple[str, str]], list[str]]:
     return [(photo, svg) for svg in svgs], []
 
 
-def _pictures(output: CheckOutput, svg: str, is_one: bool) -> dict[str, Path]:
-    """Return {option: path} for the pictures that are saved of an SVG."""
+def _pictures(output: CheckOutput, svg: str, root: str | None) -> dict[str, Path]:
+    """Return {option: path} for the pictures that are saved of an SVG.
+
+    root  folder in which all SVGs of a table are, None if there is one SVG alone. The pictures of
+          an SVG in a subfolder are in a subfolder of the same name
+    """
     stem = "svg" if svg == STANDARD_STREAM else Path(svg).stem
     pictures = {}
     for name in ("heatmap", "preview"):
         path, file = getattr(output, name), f"{stem}-{name}.png"
-        if path is not None and is_one:
+        if path is not None and root is None:
             pictures[name] = Path(in_folder(path, file))
-        elif path is not None:
+        elif path is not None and root is not None:
             if path.suffix.lower() == ".png":
                 got, advice = str(path), f"{path.stem}/"
                 raise refusal(flag_of(name), "a folder, for several SVGs", got, advice)
-            pictures[name] = path / file
+            below = os.path.relpath(os.path.dirname(os.path.abspath(svg)), root)
+            pictures[name] = path / below / file
     return pictures

@@ -139,13 +139,24 @@ def opened_by_libvips(file: bytes, loader: str) -> StoredImage:
         stored.scales = (1, 2, 4, 8)
     elif loader == "pngload" and (place := file.find(b"acTL", 0, file.find(b"IDAT"))) > 0:
         stored.note_frames(int.from_bytes(file[place + 4 : place + 8], "big"))
-    elif loader == "heifload" and file[8:12] == b"avis":
-        stored.notes.append("first of several frames")
+    elif loader == "heifload":
+        if file[8:12] == b"avis":
+            stored.notes.append("first of several frames")
+        if codes := re.search(rb"colrnclx(..)(..)", file, re.DOTALL):
+            _take_codes(stored, *(int.from_bytes(code, "big") for code in codes.groups()))
     elif stored.alpha is not None and (kinds := tags.get(Base.ExtraSamples)):
         # The kind 1 is premultiplied alpha, the kind 2 is straight alpha, and 0 has no meaning.
         is_alpha = [kind in (1, 2) for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
         stored.alpha = colors + is_alpha.index(True) if True in is_alpha else None
     return stored
+
+
+def _take_codes(stored: StoredImage, primaries: int, transfer: int) -> None:
+    """Take the profile of Display P3, or a note on HDR, from codes of H.273 in a phone's photo."""
+    if stored.profile is None and transfer in (16, 18):
+        stored.notes.append("its colours are HDR; read as those of sRGB")
+    elif stored.profile is None and primaries == 12:
+        stored.profile = pyvips.Operation.call("profile_load", "p3")
 
 
 def _tiff_tags(file: bytes) -> dict[int, Any]:
@@ -189,6 +200,8 @@ def opened_by_libheif(file: bytes, _loader: str) -> StoredImage:
     alpha, size = colors if heif.has_alpha else None, 10 * -(-depth // 8)
     stored = StoredImage(*heif.size, colors, alpha, picture, size)
     stored.profile = heif.info.get("icc_profile")
+    if nclx := heif.info.get("nclx_profile"):
+        _take_codes(stored, nclx["color_primaries"], nclx["transfer_characteristics"])
     if len(heif) > 1:
         stored.notes.append(f"primary image of {len(heif)}")
     return stored

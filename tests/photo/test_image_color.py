@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from pictures import assert_read, chunk, encoded, png, srgb_curve
 from PIL import Image, ImageCms
 
 from gauss2svg.photo.load import load_image
+
+DATA = Path(__file__).parents[1] / "data"
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
@@ -124,3 +127,17 @@ def test_ink_is_what_its_profile_says_or_covers_paper(name, profile):
     np.testing.assert_allclose(seen, expected, atol=4 / 255)
     assert "CMYK without a usable ICC profile" in "; ".join(photo.notes)
     assert len(photo.notes) == 1 + bool(profile)
+
+
+@pytest.mark.parametrize("name", ["AVIF", "HEIC"])
+def test_codes_of_display_p3_are_converted_and_hdr_is_noted(name):
+    halves = np.kron(np.uint8([[[200, 60, 60], [60, 200, 60]]]), np.ones((16, 12, 1), np.uint8))
+    file = (DATA / "p3.heic").read_bytes()
+    if name == "AVIF":
+        file = encoded(Image.fromarray(halves), "AVIF", quality=95, subsampling="4:4:4")
+    place = file.index(b"colrnclx") + 8
+    # Display P3 as in CSS Color 4, and HDR
+    for codes, seen in ((b"\0\x0c\0\x0d", [217, 42, 52]), (b"\0\x09\0\x10", [200, 60, 60])):
+        photo = load_image(file[:place] + codes + file[place + 4 :])
+        np.testing.assert_allclose(photo.pixels[8, 4] * 255, seen, atol=3)
+        assert len(photo.notes) == 1
