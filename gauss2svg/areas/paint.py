@@ -71,7 +71,10 @@ class Paint:
         """Return the colours (.., c) at the centres of pixels."""
         if self.gradient is None:
             return np.broadcast_to(self.color.astype(np.float32), (*np.shape(xs), len(self.color)))
-        shades = self.gradient.at(xs + 0.5, ys + 0.5).astype(np.float32)
+        shades = np.empty((*np.shape(xs), 3), np.float32)
+        for first in range(0, len(xs), 2**15):  # pixels at a time, to save memory
+            few = slice(first, first + 2**15)
+            shades[few] = self.gradient.at(xs[few] + 0.5, ys[few] + 0.5)
         return np.concatenate([shades] * (len(self.color) // 3), axis=-1)
 
 

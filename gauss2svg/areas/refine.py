@@ -270,7 +270,9 @@ class Drawing:
             ys, xs = np.nonzero(share > LEAST_SHOWN)
             at, seen = ((ys + y) * w + xs + x).astype(np.int32), share[ys, xs]
             if paint.is_shaded:
-                rest[at] -= seen[:, None] * paint.at(xs + x, ys + y)
+                for first in range(0, len(at), 2**15):  # pixels at a time, to save memory
+                    few = slice(first, first + 2**15)
+                    rest[at[few]] -= seen[few, None] * paint.at(xs[few] + x, ys[few] + y)
             else:
                 flat.setdefault(paint, []).append((at, seen))
         if not flat:

@@ -64,16 +64,16 @@ def vectorize_many(
     output    folder for the SVGs, and the table gauss2svg-batch/table.csv
     options   options for every photo, such as Options(goal=Goal(quality="draft"))
     batch     BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
-    client    client of a Dask cluster, whose workers must have one thread each. If it is None,
-              `batch` says where the photos are vectorised.
+    client    client of a Dask cluster, each worker of which does one photo at a time. If it is
+              None, `batch` says where the photos are vectorised.
     progress  whether to show a bar on a terminal or in a notebook
     goals     fields of Goal, as in `vectorize`: vectorize_many(photos, "out", quality="draft")
 
     Photos that an earlier run has finished are skipped. Workers are started only if other photos
     are left. If a photo fails, its record has an error. Raise InputError for bad arguments, before
     any photo is read. Raise OutputError if no file can be written. Raise ClusterError if workers
-    are lost, or if they have other versions of packages than this process. Raise TypeError for an
-    unknown keyword.
+    are lost, have another version of gauss2svg, or do not see the output folder. Raise TypeError
+    for an unknown keyword.
     """
     for name in goals.keys() - {field.name for field in fields_of(Goal)}:
         raise unknown_keyword(name, "vectorize_many", "options=Options({})")
