@@ -124,8 +124,6 @@ class ByAreas:
         self._start = subject.start  # scene whose unchanged areas stay as they are
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
-        # Gaussians that fill a limit would draw noise, or what enlarging has left.
-        self._fills = self._limit < math.inf and self._is_as_given
         self._is_cut = self._is_late = False
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
@@ -161,7 +159,7 @@ class ByAreas:
         if self._plan.in_inks and not self._inks:
             self._ink(str(self._plan.options.fit.inks))
         plan = dataclasses.replace(self._plan, rate=self._rate)
-        self._trials = Trials(plan, self._subject, self._exporter, self._fills, self._is_over)
+        self._trials = Trials(plan, self._subject, self._exporter, self._is_over)
         # If the search for shapes alone is stopped at once, the shapes of a short fit are the file.
         trial, subject = self._best() or self._trials.in_short(), self._subject
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
@@ -219,7 +217,7 @@ class ByAreas:
             self._subject = dataclasses.replace(self._subject, working=working)
             self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
         if self._is_rung:
-            self._is_as_given, self._fills, self._quality = False, False, None
+            self._is_as_given, self._quality = False, None
         elif not noise:
             self._subject = dataclasses.replace(self._subject, working=noisy)
         self._tries = 0
@@ -342,9 +340,7 @@ class ByAreas:
             # Only fewer areas would go on from the drawing, which takes much memory.
             found = dataclasses.replace(first, drawing=None)
             trials[0] = dataclasses.replace(trials[0], found=found)
-        is_seen = self._fills and self._trials.is_visible(trials[0].error)
-        is_shaded = (trials[0].shaded or is_seen) and not has_start
-        if is_shaded and not self._ends():
+        if trials[0].shaded and not has_start and not self._ends():
             few = FEWER * len(first.areas)
             found = self._found(
                 lambda p: self._areas(p, shaded=True), first, lambda new: len(new.areas) > few

@@ -54,18 +54,16 @@ class Trials:
     """Trials of areas and Gaussians, in the currency of squared error for bytes.
 
     plan     plan whose rate is the squared error that a byte must save
-    fills    whether Gaussians fill a limit of bytes
     is_over  function that tells whether the run has to end
     values   numbers of the working picture
     most     largest number of Gaussians
     """
 
     def __init__(
-        self, plan: Plan, subject: Subject, exporter: Exporter, fills: bool,
-        is_over: Callable[[], bool],
-    ) -> None:  # fmt: skip
+        self, plan: Plan, subject: Subject, exporter: Exporter, is_over: Callable[[], bool]
+    ) -> None:
         self._plan, self._subject, self._exporter = plan, subject, exporter
-        self._limit, self._fills, self._is_over = plan.goal.byte_limit or math.inf, fills, is_over
+        self._limit, self._is_over = plan.goal.byte_limit or math.inf, is_over
         self._rate, self._price = plan.rate, plan.rate * plan.shape_bytes
         width, height = subject.size
         # Trials see about 256 px a side. If the factor were no whole number, the small picture
@@ -80,7 +78,7 @@ class Trials:
 
     def trial(self, found: FoundAreas, count: int = TRIED) -> Trial:
         """Return areas with what `count` Gaussians below or above them are expected to save."""
-        plan, scene = self._plan, scene_of(self._subject, found)
+        scene = scene_of(self._subject, found)
         height, width = self._small.shape[:2]
         count = int(min(count, self.most, height * width // 3))
         export, areas_alone = self._exporter.unscored(scene), scene
@@ -99,20 +97,13 @@ class Trials:
             scene = without_idle(scene, self._error)
             found = dataclasses.replace(found, areas=scene.areas)
             export, error = self._exporter.unscored(scene), self._error(scene)
-        if self._fills and found.areas:
-            # Definitions take a fifth of the bytes that are left.
-            left = 0.8 * (self._limit - export.size) / plan.shape_bytes
-            count = int(min(max(left, 0), 6 * count))
         saved, price = 0.0, self._price * count
         if count and error > price / 2:
             after = self._fitted(scene, count, self._is_over).population.psnr()
             saved = max(error - self.values * portable.power(10, -after / 10), 0.0)
         # A trial that leaves less than .85 of the error shows shading that areas only imitate.
         is_shaded = error < first or error - saved < 0.85 * error
-        if self._fills:
-            cost = error - saved
-        else:
-            cost = error + self._rate * export.size - max(saved - price, 0.0)
+        cost = error + self._rate * export.size - max(saved - price, 0.0)
         return Trial(
             **vars(export), found=found, ground=scene, error=error, saved=saved, cost=cost,
             shaded=is_shaded,
@@ -158,17 +149,14 @@ class Trials:
         if self._plan.prefers_areas or not self.is_visible(error):
             return False
         each = SHAPE_BYTES[1] if self._plan.markup == MINIMAL else USUAL_BYTES
-        count = (self._limit if self._fills else size) / each
-        shapes = self.trial(nothing(self._subject.working), int(min(max(count, TRIED), 1000)))
+        count = int(min(max(size / each, TRIED), 1000))
+        shapes = self.trial(nothing(self._subject.working), count)
         return shapes.error - shapes.saved < 2 * error
 
     def wants_gaussians(self, trial: Trial) -> bool:
         """Return whether Gaussians are fitted above the areas of a trial."""
         if len(trial.ground) >= self.most:
             return False
-        if self._fills:
-            room = self._limit - trial.size
-            return room < 0 or room >= 2 * self._plan.shape_bytes
         return self._plan.aim is not None or trial.saved > TRIED * self._price
 
     def blank(self) -> Trial:

@@ -108,7 +108,7 @@ def test_a_picture_of_one_colour_needs_no_gaussian():
     picture = np.full((20, 30, 3), np.array([110, 119, 110]) / 255, np.float32)
     report = vectorize(picture, max_bytes=2000, iterations=FEW_STEPS).report
     assert (report["gaussians"], report["largest_error_svg"]) == (0, 0)
-    assert (report["stop_reason"], report["unreached"]) == ("enough", [])
+    assert (report["stop_reason"], report["unreached"]) == ("gain", [])
 
 
 def test_a_transparent_photo_stays_transparent():
