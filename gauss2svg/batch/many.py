@@ -271,19 +271,20 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
 
 
 class Summary:
-    """Three counts of the photos of a batch: done, skipped and failed so far."""
+    """Counts of the photos of a batch: done, skipped, failed, and drawn as sketches so far."""
 
     def __init__(self) -> None:
-        self.total = self.done = self.skipped = self.failed = 0
+        self.total = self.done = self.skipped = self.failed = self.sketches = 0
         self._failures: list[str] = []  # lines about the first five photos that failed
         self._begun = time.monotonic()
 
     def add(self, record: PhotoRecord) -> None:
-        """Count the photo of a record as done, skipped or failed."""
+        """Count the photo of a record as done, skipped or failed, and whether it is a sketch."""
         self.total += 1
         self.done += not (record.error or record.skipped)
         self.skipped += record.skipped
         self.failed += record.error is not None
+        self.sketches += record.sketch is not None
         if record.error and len(self._failures) < 5:
             self._failures.append(f"failed: {of_file(record.input, record.error)}")
 
@@ -297,6 +298,9 @@ class Summary:
         """Yield the lines of the final summary."""
         counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
         yield f"{counts} in {time.monotonic() - self._begun:.1f} s"
+        if self.sketches:
+            as_they_are = "To compare photos, sort by psnr_photo, or give --areas never"
+            yield f"{self.sketches:,} drawn as sketches, without their paper. {as_they_are}"
         yield from self._failures
 
 

@@ -50,6 +50,8 @@ class PhotoRecord(NamedTuple):
     error_code            class of the error, or "WorkerDied" if the worker died. None if no error
     skipped               True if an earlier run wrote the SVG
     area_count, line_count, node_count  numbers of areas, of lines, and of their nodes
+    sketch                colours of paper and ink if the photo was drawn as a sketch, else None
+    psnr_photo            PSNR in dB against the photo. For a sketch, psnr_svg leaves out its paper
     """
 
     input: str
@@ -76,6 +78,8 @@ class PhotoRecord(NamedTuple):
     area_count: int | None = None
     line_count: int | None = None
     node_count: int | None = None
+    sketch: str | None = None
+    psnr_photo: float | None = None
 
 
 Photo = tuple[str, str]  # path or URL of a photo, and the name of its output

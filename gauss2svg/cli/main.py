@@ -63,7 +63,7 @@ def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
     module = import_module(f"gauss2svg.cli.{name or 'vectorize'}")
     text, usage = COMMANDS[name] if name else (module.ABOUT, module.USAGE)
     has_help = not {"--help", "-h", "--help-all"}.isdisjoint(words)
-    parser = Parser(name, usage, text, has_help)
+    parser = Parser(name, usage, text, has_help, COMMANDS)
     for title, group in module.SECTIONS.items():
         shown = bool(name) or "--help-all" in words or title in module.COMMON
         parser.add_group(title, group, shown)

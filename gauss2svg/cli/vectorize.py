@@ -315,6 +315,10 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
                 lines.append(f"{path}: {ink}")
             else:
                 yield f"{path} is not written, because {ink} is visible nowhere"
+    if extras.cut and not extras.quiet and (count := result.thin_parts()):
+        parts = "1 part is" if count == 1 else f"{count:,} parts are"
+        thin = f"{parts} too thin to cut (0.3 mm), and left to the ink beside"
+        lines.append(f"{thin}. Try a larger --size")
     contents |= {path: file_bytes(text, is_svgz(path)) for path, text in svgs.items()}
     if extras.preview is not None:
         contents[extras.preview] = files.as_png(result.raster)

@@ -21,7 +21,15 @@ from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
-from gauss2svg.raster import BROWSERS, rasterize_sized, refuse_unsupported, renderer_version
+from gauss2svg.raster import (
+    AT_REST,
+    BROWSERS,
+    Feature,
+    rasterize_sized,
+    refuse_unsupported,
+    renderer_version,
+    uses,
+)
 from gauss2svg.raster.isolated import draw
 from gauss2svg.svg.file import (
     BLANKS,
@@ -228,7 +236,7 @@ def check(
         renderer=renderer,
         raster=raster,
         photo=pixels,
-        notes=tuple(_notes(surveyed, frame, picture, asked.renderer)),
+        notes=tuple(_notes(surveyed, frame, picture, asked.renderer, uses(text, Feature.MOVING))),
         scores=perceptual_scores(raster, pixels),
         enlarged=larger,
     )
@@ -313,7 +321,13 @@ def _finite(psnr: float | None) -> float | None:
     return None if psnr is None or math.isinf(psnr) else psnr
 
 
-def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[str]:
+def _notes(
+    surveyed: Survey, frame: Frame, photo: Photo, renderer: str, is_animated: bool
+) -> list[str]:
+    """Return remarks on the comparison.
+
+    is_animated  whether browsers refuse the SVG because it is animated
+    """
     notes, tags = [f"photo {note}" for note in photo.notes], surveyed.tags
     for name, (width, height) in (("SVG", frame[:2]), ("viewBox", frame.view_box[2:])):
         # Enlarged or reduced until it fits, it may be a pixel smaller than the photo.
@@ -325,6 +339,7 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
             break
     if texts := tags.get("text", 0):
         no_fonts = "not drawn, because resvg gets no fonts. Try paths"
+        no_fonts += "" if is_animated else ", or --renderer chromium"
         how = no_fonts if renderer == "resvg" else "drawn in the fonts of this machine"
         notes.append(f"text ({texts}) is {how}")
     if pictures := tags.get("image", 0):
@@ -332,7 +347,7 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
     if surveyed.remarks and renderer not in BROWSERS:
         first, more = ", ".join(surveyed.remarks[:3]), " and more" if surveyed.remarks[3:] else ""
         unknown = f"{renderer} is not known to draw these as browsers do: {first}{more}"
-        notes.append(f"{unknown}. Try --renderer chromium")
+        notes.append(f"{unknown}. Try {AT_REST if is_animated else '--renderer chromium'}")
     if not surveyed.qualified:
         notes.append("the root element has no xmlns of SVG, so browsers do not show the file")
     return notes

@@ -90,7 +90,8 @@ def opened(file: bytes, name: str, max_pixels: int) -> StoredImage:
     kind = format_of(file[:PREFIX_BYTES])
     if isinstance(kind, str):
         needed = f"a supported image ({', '.join(FORMATS)})"
-        raise refusal(name, needed, kind, "converting it")
+        is_lost = kind in ("an empty file", "a web page")  # nothing in it can be converted
+        raise refusal(name, needed, kind, "another copy of it" if is_lost else "converting it")
     is_vips = kind.loader.endswith("load")
     open_file = opened_by_libvips if is_vips else opened_by_pillow
     with _refusing(name):

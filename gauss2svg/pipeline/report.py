@@ -50,6 +50,7 @@ def run_report(
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
     total_s, count = time.perf_counter() - run.started, len(file.scene)
     shown, scored = shown_width(document, file.scene), measured.scores | _by_focus(outcome)
+    scored["psnr_photo"] = _psnr_photo(plan, photo, outcome)
     counts, found = AreaCounts.of(file.scene.areas), outcome.found
     text = json.dumps(options.of_picture(), sort_keys=True)
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
@@ -156,6 +157,12 @@ def _by_focus(outcome: Outcome) -> dict[str, float | None]:
     }
 
 
+def _psnr_photo(plan: Plan, photo: Photo, outcome: Outcome) -> float:
+    """Return the PSNR in dB of the SVG against the photo, with the paper of a sketch."""
+    measured = outcome.measured
+    return psnr(measured.raster, pixels_of(photo)) if plan.sketch else measured.scores["psnr_svg"]
+
+
 def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
     """Yield notes on choices of the run that a user may want to know about or to change."""
     chosen, count, rate = outcome.plan, len(outcome.file.scene), plan.options.fit.learning_rate
@@ -175,7 +182,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             "or a background, which counts as a colour. Try --areas always, or cut it out first"
         )
     if plan.sketch:
-        whole = decibels(psnr(outcome.measured.raster, pixels_of(photo)))
+        whole = decibels(_psnr_photo(plan, photo, outcome))
         yield (
             "drawn as a sketch: one ink on paper of one colour. The match is that with the sketch "
             f"without shadows, grain and stains. With them it is {whole}. For these give --areas "

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Never
 
 import numpy as np
@@ -143,7 +144,18 @@ class Result:
             raise InputError("inks must be given for plates; got none. Try FitOptions(inks=6)")
         return inks, paper, tones
 
-    @property
+    def thin_parts(self) -> int:
+        """Return the number of parts thinner than 0.3 mm on paper, which no cutter can cut.
+
+        In a cut file they belong to the ink beside them. Raise InputError and CutMissingError as
+        `plates` does.
+        """
+        assert self._printed
+        regions = self._regions
+        regions.of(regions.colors)
+        return regions.thin_parts
+
+    @cached_property
     def _regions(self) -> Regions:
         return Regions(self.scene, self.document.mm_each(self.scene.width))
 

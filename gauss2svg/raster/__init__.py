@@ -85,6 +85,10 @@ DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)
 DRAW_BLENDS = drawn_by(Feature.BLEND, Feature.FILTER)
 
 
+# Browsers refuse animated files, so another renderer is no help with what only browsers draw.
+AT_REST = "a copy without the animation, which shows the picture at rest"
+
+
 def renderer_version(name: str) -> str:
     """Return the name and version of a renderer. Raise RendererError if it is not installed."""
     return _renderer_function(name, "_version")()
@@ -151,9 +155,10 @@ def refuse_unsupported(svg: str, renderer: str) -> None:
     for feature, names in NOT_DRAWN_BY.items():
         if renderer in names and uses(svg, feature):
             others = drawn_by(feature)
+            advice = AT_REST if feature is Feature.MOVING else f"--renderer {others[0]}"
             raise RendererError(
                 f"renderer must be one of {', '.join(others)} for what the SVG uses, {feature}; "
-                f"got {renderer}. Try --renderer {others[0]}"
+                f"got {renderer}. Try {advice}"
             )
 
 

@@ -6,7 +6,8 @@ that the Gaussians are drawn over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -24,21 +25,35 @@ def torch_loss(
     """Return a loss for FitOptions.loss, which returns its gradient too.
 
     function  differentiable function of the render and the target, both tensors (h, w, 3) in 0..1,
-              that returns a scalar >= 0. The loss raises InputError if it does not
+              that returns a scalar >= 0. The loss raises InputError if it does not. It runs with
+              one thread of torch: that is faster for small pictures, and the sums in it then do not
+              depend on the number of cores
     """
 
     def loss(
         render: NDArray[np.float32], target: NDArray[np.float32]
     ) -> tuple[float, torch.Tensor]:
         image = torch.from_numpy(render).requires_grad_()
-        value = function(image, torch.from_numpy(target))
-        if not isinstance(value, torch.Tensor) or value.numel() != 1 or not value.requires_grad:
-            needed, advice = "a scalar that depends on the render", ".mean(), without .detach()"
-            raise refusal("loss", needed, quoted(value), advice)
-        return value.item(), torch.autograd.grad(value, image)[0]
+        with _one_thread():
+            value = function(image, torch.from_numpy(target))
+            if not isinstance(value, torch.Tensor) or value.numel() != 1 or not value.requires_grad:
+                needed, advice = "a scalar that depends on the render", ".mean(), without .detach()"
+                raise refusal("loss", needed, quoted(value), advice)
+            return value.item(), torch.autograd.grad(value, image)[0]
 
     loss.__name__ = getattr(function, "__name__", "loss")
     return loss
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let torch use one thread, and restore its number of threads afterwards."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 class _FastRender(torch.autograd.Function):

@@ -129,14 +129,19 @@ def require_shapely() -> Any:
 
 
 class Regions:
-    """The shapes of a scene in inks as polygons, from which regions of colours are computed."""
+    """The shapes of a scene in inks as polygons, from which regions of colours are computed.
+
+    thin_parts  number of parts that are too thin to be cut, and so belong to the ink beside them.
+                It is 0 until the first region is computed
+    """
 
     def __init__(self, scene: Scene, mm_per_px: float) -> None:
         """Make polygons of all shapes.
 
         mm_per_px  size of a px of the canvas on paper
         """
-        self._shapely = shapely = require_shapely()
+        shapely = require_shapely()
+        self.thin_parts = 0
         self._scene, self._px_per_mm = scene, 1 / mm_per_px
         self.colors = [ink_name(ink) for ink in inks_of_scene(scene)]
         self._page = shapely.box(0, 0, scene.width, scene.height)
@@ -151,6 +156,10 @@ class Regions:
         self._shapes += zip(names, polygons, strict=True)
         ellipses = (shapely.Polygon(points) for points in _ellipses(scene, tolerance))
         self._shapes += zip(map(ink_name, scene.color), ellipses, strict=True)
+
+    @property
+    def _shapely(self) -> Any:  # not an attribute, because modules cannot be pickled
+        return require_shapely()
 
     def of(self, colors: Collection[str]) -> BaseGeometry:
         """Return the region of the page in which one of the colours "#rrggbb" is seen.
@@ -168,7 +177,8 @@ class Regions:
         """
         # What is thinner than this, 0.3 mm on paper, cannot be cut.
         shapely, least = self._shapely, 0.3 * self._px_per_mm
-        regions = {color: self._seen(color) for color in self.colors}
+        seen = {color: self._seen(color) for color in self.colors}
+        regions = dict(seen)
         for width, color in itertools.product((least / 3, least), self.colors):
             slivers = self._slivers(regions[color], width)
             others = [other for other in self.colors if other != color]
@@ -187,6 +197,10 @@ class Regions:
                 if len(won):
                     region = shapely.union_all([regions[other], *won], grid_size=_GRID)
                     regions[other] = self._polygons(region)
+        for color, region in regions.items():
+            lost = shapely.difference(seen[color], region, grid_size=_GRID)
+            # What is smaller is left by rounding, as in `_area`.
+            self.thin_parts += int((shapely.area(shapely.get_parts(lost)) > 1e-3).sum())
         return regions
 
     def _slivers(self, region: BaseGeometry, width: float) -> NDArray[np.object_]:

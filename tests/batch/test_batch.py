@@ -80,6 +80,7 @@ def test_each_photo_has_a_row_and_each_svg_a_mark_with_all_that_is_asked_for(run
         assert (one["width"], one["height"]) == (12, 12)
         assert min(one["psnr_svg"], one["paint_ms"], one["total_s"], one["cpu_s"]) > 0
         assert table[name]["psnr_svg"] == str(one["psnr_svg"])
+        assert (one["sketch"], one["psnr_photo"]) == (None, one["psnr_svg"])
 
 
 def test_what_is_done_needs_no_worker_and_stays_as_it_is(
@@ -229,6 +230,15 @@ def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatc
     assert summary.progress_text(13) == "5 s a photo, 1 failed, 0:00:50 left"
     monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=lambda: 5.0))
     assert list(Summary().lines()) == ["0 done, 0 skipped, 0 failed in 0.0 s"]
+
+
+def test_the_summary_says_how_many_photos_were_drawn_as_sketches():
+    summary = Summary()
+    for sketch in ("#ffffff,#000000", None, "#eeeeee,#101010"):
+        summary.add(PhotoRecord("a.png", "a.svg", sketch=sketch))
+    (line,) = [line for line in summary.lines() if "sketch" in line]
+    assert line.startswith("2 drawn as sketches")
+    assert "psnr_photo" in line
 
 
 def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp_path):

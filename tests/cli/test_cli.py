@@ -162,6 +162,9 @@ MISTAKES = [
     ("check a.svg", "SVG must be given; got none. Try gauss2svg check"),
     ("batch PHOTO", "--output must be given; got none. Try gauss2svg batch"),
     ("PHOTO --treads 2", "must be an option; got an unknown one. Try --threads"),
+    ("PHOTO --options o.toml", "--options must be given with gauss2svg batch; got it with "
+     "gauss2svg PHOTO. Try gauss2svg batch --help"),
+    ("studio --inks 3", "--inks must be given with gauss2svg PHOTO or gauss2svg "),
     ("PHOTO -q", "-q must be an option; got an unknown one. Try gauss2svg --help-all"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
     ("bench PHOTO -o FOLDER/x --axis schedule", "axes: schedule must be given with a number"),

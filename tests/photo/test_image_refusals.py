@@ -87,10 +87,10 @@ def test_chunk_that_unpacks_to_much_takes_no_memory_and_stops_no_picture():
     ("data", "message"),
     [
         (b"", f"must be a supported image ({', '.join(FORMATS)})"),
-        (b"", "got an empty file"),
+        (b"", "got an empty file. Try another copy of it"),
         (b"hello, this is a text", "got an unknown format. Try converting it"),
         (b'<svg xmlns="http://www.w3.org/2000/svg"/>', "got an SVG or other XML"),
-        (b"<!DOCTYPE html><html></html>", "got a web page"),
+        (b"<!DOCTYPE html><html></html>", "got a web page. Try another copy of it"),
         (b"\xc5\xd0\xd3\xc6" + bytes(40), "got a PostScript file"),
         (b"\0\0\0\x18ftypmif1\0\0\0\0mif1heic\0\0\0\x08meta", BROKEN),
         (b"\x1f\x8b\x08" + bytes(20), "got a gzipped file"),

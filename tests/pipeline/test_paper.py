@@ -85,6 +85,7 @@ def test_the_match_is_that_with_the_even_sketch_and_a_note_has_the_other(usual):
     assert usual.report["psnr_svg"] > 38
     (note,) = usual.report["notes"]
     assert f"With them it is {psnr(usual.raster, SKETCH):.2f} dB" in note
+    assert usual.report["psnr_photo"] == pytest.approx(psnr(usual.raster, SKETCH))
 
 
 @pytest.mark.parametrize("inks", [2, "#b01020,#fff8e0"])

@@ -95,6 +95,8 @@ REFUSED = {
     "broken": ("<svg", (5, 5), "resvg", "cannot draw the SVG: .* Try to re-save it"),
     "blend": (SVG.format('><g style="mix-blend-mode:screen"/>'), (4, 3), "cairo",
               "one of resvg, chromium, .* uses, mix-blend-mode; got cairo. Try --renderer resvg"),
+    "animation": (SVG.format('><g><set attributeName="x" to="1"/></g>'), (4, 3), "chromium",
+                  "some moment of it; got chromium. Try a copy without the animation"),
     "blur": (SHEARED, (40, 30), "resvg", "must be one of chromium, firefox, inkscape for what"),
 }  # fmt: skip
 

@@ -1,6 +1,7 @@
 """Properties of files for printers, plotters and cutters: groups, plates, regions and outlines."""
 
 import gzip
+import pickle
 import re
 from xml.etree.ElementTree import fromstring as parse
 
@@ -171,6 +172,18 @@ def test_marks_are_at_the_same_places_around_all_plates_and_move_no_ink():
     assert len(seen) == 1
 
 
+def test_the_run_says_how_many_parts_are_too_thin_to_cut(photo, tmp_path, capsys):
+    (tmp_path / "photo.png").write_bytes(as_png(photo[:60, :90]))
+    given = [tmp_path / "photo.png", "--inks", 3, "--gaussians", 40, "--iterations", 8]
+    given += ["--overwrite", "--outline", tmp_path / "l.svg", "--cut", "--size"]
+    assert main([*map(str, given), "9mm"]) == 0
+    assert "too thin to cut (0.3 mm), and left to the ink beside. Try a larger --size" in (
+        capsys.readouterr().err
+    )
+    assert main([*map(str, given), "9000mm"]) == 0
+    assert "too thin" not in capsys.readouterr().err
+
+
 def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path):
     source = tmp_path / "photo.png"
     source.write_bytes(as_png(photo[:60, :90]))
@@ -178,6 +191,7 @@ def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path
     given += ["--iterations", 8, "--separations", tmp_path / "p.svg", "--marks", "--cut"]
     assert main([*map(str, given), "--trap", "0.3", "--outline", str(tmp_path / "l.svg")]) == 0
     result = vectorize(source, gaussians=20, iterations=8, inks="#202020,#909090")
+    assert result.thin_parts() == pickle.loads(pickle.dumps(result)).thin_parts()
     plates = [(tmp_path / f"p-{k}.svg").read_text() for k in (1, 2)]
     assert plates == list(result.plates(cut=True, trap=0.3, marks=True).values())
     lines = (tmp_path / "l.svg").read_text()
@@ -285,6 +299,7 @@ def test_what_no_cutter_can_cut_belongs_to_the_region_beside_it():
     assert [part.area for part in parts.values()] == pytest.approx([4675, 1600, 25], abs=10 * strip)
     assert parts[INKS.split(",")[2]].area == pytest.approx(25, abs=0.01)
     assert sum(part.area for part in parts.values()) == pytest.approx(90 * 70, rel=1e-6)
+    assert regions.thin_parts == 1  # the wedge and the line, which touch
     for part in parts.values():
         assert not any(one.buffer(-0.14 / MM).is_empty for one in shapely.get_parts(part))
 
