@@ -129,13 +129,13 @@ def cases() -> Iterator[Case]:
     sheared = scene_of((20.5000005, 17.5000006), 1e-6, 0.9)
     yield Case("sigma 1e-6, sheared", sheared, **rounded, levels=146, reason=_BOTH)
     yield Case("sigma 1e6", scene_of(_MIDDLE, 1e6))
-    yield Case("sigma 1e6, 2e6 off", scene_of((-2e6, 17.6), 1e6))
+    yield Case("sigma 1e6, 2e6 off", scene_of((-2e6, 17.6), 1e6), levels=None)
     yield Case(
         "sigma 1e6, its cut on the canvas", scene_of((3e6 + 20, 17.6), 1e6),
-        gradient=2.0, reason=_CUT,
+        gradient=2.0, levels=None, reason=_CUT,
     )  # fmt: skip
     yield Case("sigma 1e9, mean at 1e9", scene_of((1e9, -1e9), 1e9), levels=None)
-    yield Case("mean at 1e9, sigma 1e6", scene_of((1e9, -1e9), 1e6))
+    yield Case("mean at 1e9, sigma 1e6", scene_of((1e9, -1e9), 1e6), levels=None)
     for name, mean, sigma in (
         ("flat", (20.3, 17.5003), (1e3, 1e-3)), ("upright", (20.4997, 17.6), (1e-3, 1e3)),
     ):  # fmt: skip
@@ -168,7 +168,7 @@ def cases() -> Iterator[Case]:
     yield Case("on centres, corners, tile edges", scene_of(_corners(), 2.0, 0.3))
     yield Case("exponent 0.5", scene_of(_corners(), 3.0, 0.3, beta=0.5))
     crisp = scene_of(_corners(), 3.0, 0.3, beta=256)
-    yield Case("exponent 256", crisp, levels=60.0, reason=_EDGE)
+    yield Case("exponent 256", crisp, levels=104.0, reason=_EDGE)
     yield Case("exponent 256, sigma 1e6, on its rim", scene_of((1.4142135e6, 17.6), 1e6, beta=256))
     crisp = scene_of(_MIDDLE, 1e4, 1 - 2e-8, beta=256)
     yield Case(
@@ -190,7 +190,8 @@ def cases() -> Iterator[Case]:
     faint, strong = {"blend": ADD, "color": 1e-4}, {"blend": ADD, "color": [[100.0], [-100.0]]}
     thin = scene_of((20.500001, 17.5), 1e-6, blend=ADD)
     yield Case("additive: sigma 1e-6", thin, **rounded, levels=192, reason=_BOTH)
-    yield Case("additive: sigma 1e6", scene_of((-2e6, 17.6), 1e6, blend=ADD))
+    far = scene_of((-2e6, 17.6), 1e6, blend=ADD)
+    yield Case("additive: sigma 1e6", far, levels=None)
     yield Case("additive: needle, 0.9 widths beside centres", _needle(blend=ADD), **needles,
                levels=197)  # fmt: skip
     rotated = scene_of(_MIDDLE, 1e5, 1 - 2e-12, blend=ADD)

@@ -274,7 +274,7 @@ def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
     descriptions = dict(inputs)
     for target in map(os.fspath, targets):
         for name, description in descriptions.items():
-            if name != STANDARD_STREAM and _is_same_file(name, target):
+            if _is_same_file(name, target):
                 got = f"{target}, which is also {description}"
                 raise refusal("output", "a file of its own", got, "another name")
         descriptions[target] = "another output"
@@ -285,10 +285,12 @@ def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
 def _is_same_file(name: str, other: str) -> bool:
     """Return whether two names stand for the same file, for example because of links."""
     try:
+        if name == STANDARD_STREAM:  # standard input may be a file, as after `< photo.png`
+            return os.path.samestat(os.fstat(sys.stdin.fileno()), os.stat(other))
         first, second = (os.path.realpath(path) for path in (name, other))
         return first == second or os.path.samefile(first, second)
-    except (OSError, ValueError):
-        return False  # one of them does not exist
+    except (AttributeError, OSError, ValueError):
+        return False  # one of them does not exist, or standard input is closed
 
 
 def saved(save: Callable[[BinaryIO], object]) -> bytes:

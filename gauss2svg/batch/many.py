@@ -45,7 +45,7 @@ from gauss2svg.version import __version__
 if TYPE_CHECKING:
     from distributed import Client
 
-_FORMULA = re.compile(r"[=+\-@\t\r]")  # beginning of text that a spreadsheet runs as a formula
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")  # beginning of text that a spreadsheet runs as a formula
 
 
 def vectorize_many(
@@ -319,4 +319,4 @@ def as_cell(value: Any) -> Any:
 
 def text_of_cell(cell: str) -> str:
     """Return the text of a CSV cell without the apostrophe that `as_cell` puts before it."""
-    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell, 1) else cell
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell

@@ -199,9 +199,13 @@ class PlaceholderList:
                     raise TypeError("of another form")
                 entries = records.values() if isinstance(records, dict) else records
                 return data, {entry["metadata"]["path"]: entry for entry in entries}
-            if not re.fullmatch(r"(<(img|picture)[ >].*\n)+", text):
+            # Each photo has a line, which begins with this and the address of the photo.
+            begin = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
+            lines = [line for line in text.split("\n") if line.strip()]
+            lines_by_key = {match[1]: line for line in lines if (match := begin.match(line))}
+            if not lines or len(lines_by_key) < len(lines):
                 raise ValueError("not lines of <img>")
-            return data, {}
+            return data, lines_by_key
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             needed = f"a file of placeholders in {form}, or none yet"
             got = f"{output}, which has something else or is damaged"

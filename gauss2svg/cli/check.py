@@ -155,7 +155,9 @@ def _pairs(asked: CheckFiles) -> tuple[list[tuple[str, str]], list[str]]:
         folder = svgs[0] if svgs else photo
         names = [(path, os.path.join(folder, name)) for path, name in photos_of([photo])]
         pairs = [(p, n + end) for p, n in names for end in SVG_ENDINGS if os.path.isfile(n + end)]
-        svg_files = [p for p in sorted(Path(folder).rglob("*")) if str(p).endswith(SVG_ENDINGS)]
+        svg_files = [
+            p for p in sorted(Path(folder).rglob("*")) if str(p).lower().endswith(SVG_ENDINGS)
+        ]
         paired = {Path(path) for pair in pairs for path in pair}
         alone = [str(p) for p in (*(Path(p) for p, _ in names), *svg_files) if p not in paired]
         if not pairs or len(svgs) > 1:

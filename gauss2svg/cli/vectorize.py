@@ -200,10 +200,14 @@ def _output(photo: str, output: str | None, stem: str, overwrite: bool) -> str:
     """
     if output == STANDARD_STREAM:
         return output
-    if not output and photo == STANDARD_STREAM:
+    if output == "":
+        raise InputError("--output must be the name of a file or folder; got none. Try -o out.svg")
+    if output is None and photo == STANDARD_STREAM:
         advice = "-o out.svg, or -o - for standard output"
         raise InputError(f"--output must be given if the photo is standard input. Try {advice}")
     path = in_folder(output, f"{stem}.svg") if output else str(Path(photo).with_suffix(".svg"))
+    if path == photo and output is None:
+        raise refusal("the photo", "another image than an SVG", photo, "a PNG or JPEG of it")
     if path != output and not overwrite and os.path.isfile(path):
         from gauss2svg.svg.file import is_own
 

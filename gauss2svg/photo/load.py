@@ -118,6 +118,8 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     pixels = unit(pixels, name)
     color, notes = in_srgb(pixels[:, :, : stored.colors], stored.profile)
     notes, orientation, dpi = [*stored.notes, *notes], stored.orientation, stored.dpi
+    if dpi and min(dpi) <= 0:
+        dpi = None
     if orientation != 1:
         notes.insert(0, "EXIF orientation applied")
     if dpi and orientation in SWAPPED:

@@ -185,7 +185,9 @@ class Exporter:
         if self._in_ground or not 0 < fewer < count:
             return whole / count
         part = quantized.select(np.linspace(0, count - 1, fewer).astype(int))
-        less = min(self._bytes_above_ground(part), whole - 1)
+        less = self._bytes_above_ground(part)
+        if less >= left:
+            return less / fewer
         return left / (fewer + (left - less) / (whole - less) * (count - fewer))
 
     def _bytes_above_ground(self, scene: Scene) -> int:

@@ -104,7 +104,7 @@ def faintness_of(pixels: NDArray[np.float32]) -> float:
 # In the markup `auto`, files of limits above this are editable, because names and layers are little
 # of them. It is in bytes before gzip (docs/decisions/markup.md).
 AUTO_MINIMAL = 200_000
-BY_BYTES_UP_TO = 12_000  # largest limit of a search by bytes (docs/decisions/markup.md)
+BY_BYTES_UP_TO = 15_000  # largest limit of a search by bytes (docs/decisions/markup.md)
 MINIMAL_UP_TO = 20_000  # largest size of a placeholder
 
 

@@ -225,7 +225,7 @@ class Regions:
     def _polygons(self, region: BaseGeometry) -> BaseGeometry:
         """Return the polygons of a region, without its lines and points."""
         parts = self._shapely.get_parts(region)
-        return self._shapely.multipolygons([one for one in parts if one.geom_type == "Polygon"])
+        return self._shapely.MultiPolygon([one for one in parts if one.geom_type == "Polygon"])
 
     def plate(self, tones: Mapping[str, float], trap: float = 0.0) -> Scene:
         """Return the plate of an ink: one area for each of its strengths, and no background.
