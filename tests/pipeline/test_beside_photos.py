@@ -48,7 +48,7 @@ GOALS = {
     "count": COUNT, "inks": {**COUNT, "inks": 8}, "psnr": {**COUNT, "tune": "psnr"},
     "ssim": {**COUNT, "loss": "mse+ssim"}, "additive": {**COUNT, "blend": "add"},
     "small file": {"max_bytes": 1000, "iterations": 40},
-    "editable file": {"max_bytes": 9000, "markup": "editable", "iterations": 40},
+    "editable file": {"max_bytes": 20_000, "markup": "editable", "iterations": 40},
 }  # fmt: skip
 
 
