@@ -185,3 +185,12 @@ def test_an_svg_of_another_program_is_not_replaced_in_a_folder(folder, counted, 
     Path("one.svg").write_text("<svg>mine</svg>")
     assert "without SVGs of others" in refusal("placeholder", "one.png", "-o", ".")
     assert Path("one.svg").read_text() == "<svg>mine</svg>"
+
+
+def test_lines_of_html_stay_for_a_photo_that_fails_later(folder, counted):
+    command = "bad.png -o o.html"
+    make(command, "two words.png", "one.png")
+    before = Path("o.html").read_text()
+    Path("one.png").write_bytes(b"no picture any more")
+    assert make(command, "two words.png", "one.png") == 1
+    assert Path("o.html").read_text() == before

@@ -100,6 +100,9 @@ REFUSED = [
       for option in ("--report", "--outline")),
     (("photo.png", "-o", "hard.png", *TINY), ALSO_PHOTO),
     ((*CHECK, "--heatmap", "soft.png"), ALSO_PHOTO),
+    (("-", "-o", "o.svg", *TINY, "--preview", "photo.png"), ALSO_PHOTO),
+    (("photo.png", "-o", ""), "must be the name of a file or folder; got none. Try"),
+    (("drawing.svg",), "the photo must be another image than an SVG; got drawing.svg. Try"),
     (("photo.png", "-o", "none/o.svg"), "o.svg: No such file or directory. Try"),
     (("photo.png", "-o", "locked.svg"), "locked.svg: it is read-only. Try another name"),
     ((*MAKE, "--preview", "p.png", "--save-scene", "s.npz", "--report", "/dev/full"), "No space"),
@@ -131,7 +134,9 @@ def test_what_cannot_be_written_is_one_line_and_changes_no_file(
         os, "access", lambda path, mode: "locked" not in str(path) and access(path, mode)
     )
     before = content(tmp_path)
-    assert line in refusal(*words)
+    with picture.open() as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        assert line in refusal(*words)
     assert content(tmp_path) == before
 
 
