@@ -38,7 +38,7 @@ class Trial(Export):
     error   squared error of this scene, summed over pixels and channels of the working picture
     saved   by how much Gaussians above lower it
     cost    value by which trials are compared: the error that is expected of the best file with
-            these areas, to which the price of the bytes is added if there is no limit
+            these areas, to which the price of the bytes is added
     shaded  whether the picture has shading that Gaussians draw better than areas
     """
 

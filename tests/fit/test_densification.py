@@ -114,9 +114,13 @@ def test_an_interrupted_reduced_refinement_ends_at_full_size():
     assert session.scene().mean.max() > 160
 
 
-def test_pauses_of_a_fit_add_up():
-    clock = Clock(None, 1)
+def test_pauses_of_a_fit_add_up(monkeypatch):
+    now = itertools.count()  # a second for each look at the time
+    monkeypatch.setattr(time, "perf_counter", lambda: float(next(now)))
+    clock, busy = Clock(None, 1), Clock(None, 1)
+    begun = busy.elapsed_s - clock.elapsed_s
     for _ in range(2):
         with clock.paused():
-            time.sleep(0.1)
-    assert clock.elapsed_s < 0.1
+            time.perf_counter()
+    # Each pause had three looks, and two seconds between the first and the last of them.
+    assert begun - (busy.elapsed_s - clock.elapsed_s) == -4.0
