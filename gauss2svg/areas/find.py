@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -224,16 +225,16 @@ def transparent_paint() -> Paint:
 def ground_of(labels: Ints, paints: list[Paint], opacity: Floats) -> Paint:
     """Return the paint below all layers.
 
-    It is that of the region along most of the picture's border, if this is more than half of the
-    border, or else that of the largest region. A picture with alpha has a transparent one.
+    It is that of the regions along more than half of the picture's border, or else that of the
+    largest region. A picture with alpha has a transparent one.
     """
     if len(paints[0].color) == 6:
         clear = (paints[k] for k in np.flatnonzero(opacity < LEAST_OPACITY))
         return next(clear, transparent_paint())
     border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    along = np.bincount(border)
-    if along.max() > 0.5 * len(border):
-        return paints[int(along.argmax())]
+    paint, along = Counter(paints[k] for k in border.tolist()).most_common(1)[0]
+    if along > 0.5 * len(border):
+        return paint
     return paints[int(np.bincount(labels.ravel()).argmax())]
 
 

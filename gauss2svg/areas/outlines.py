@@ -116,7 +116,7 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
     share  (h, w) in a box of a picture of this shape
 
     A mask that touches the border of the picture is continued beyond it, so that its contour
-    leaves the picture.
+    leaves the picture. It is not where it seems to end in the last row or column of pixels.
     """
     # Masks of less than 12 px^2 may be slivers beside other areas.
     is_thin = (total := share.sum()) >= 12 and (
@@ -129,6 +129,11 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
     ]
     corner = np.array([box[1].start - pad[1][0], box[0].start - pad[0][0]])
     padded, fine = np.pad(share, pad, mode="edge"), 1
+    for k, margin in enumerate(pad[0] + pad[1]):
+        if margin:
+            # A view whose first rows are the margin
+            turned = (padded if k < 2 else padded.T)[:: -1 if k % 2 else 1]
+            turned[:margin, _ends_in(*turned[margin : margin + 2])] = 0
     if is_thin:
         padded, fine = field_of(padded), FINE
     contours = []
@@ -139,6 +144,16 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
         if len(points) >= 4 and abs(area) >= 1:  # smaller ones are noise
             contours.append(points)
     return contours
+
+
+def _ends_in(last: Floats, inner: Floats) -> Bools:
+    """Return where a mask ends in the last row (n,) of the picture, whose next row is `inner`.
+
+    A round that ends there has much less of the last row. An edge that leaves the picture has not.
+    """
+    part, count = ndimage.label(last > 0)  # pyright: ignore[reportGeneralTypeIssues]
+    here, before = (ndimage.sum_labels(row, part, np.arange(count + 1)) for row in (last, inner))
+    return (here < 0.8 * before)[part] & (part > 0)
 
 
 def resampled(points: Floats, step: float, closed: bool = True) -> Floats:

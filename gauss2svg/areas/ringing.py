@@ -36,8 +36,11 @@ def is_rung(picture: Floats) -> bool:
 
 
 def _has_rung_colors(picture: Floats) -> bool:
-    luma = portable.product(channels_of(picture)[..., -3:], LUMA[0].astype(np.float32))
-    return _steps_back(luma, 2.2 * LEVEL)
+    channels = channels_of(picture)
+    # Over white, a band in the colour that alpha multiplies is paler, and no step back.
+    views = np.split(channels, channels.shape[2] // 3, axis=2)
+    weights = LUMA[0].astype(np.float32)
+    return any(_steps_back(portable.product(view, weights), 2.2 * LEVEL) for view in views)
 
 
 def _steps_back(plane: Floats, least: float) -> bool:
@@ -74,12 +77,12 @@ def without_bands(picture: Floats, most: float = 0.12) -> Floats:
         picture = np.concatenate([picture[..., :3], alpha], axis=2)
         if not _has_rung_colors(picture):
             return picture
-    values = channels_of(picture)
+    values = _with_alpha(channels_of(picture))
     high, low = (f(values, (7, 7, 1)) for f in (ndimage.maximum_filter, ndimage.minimum_filter))
     for smooth in (ndimage.grey_opening, ndimage.grey_closing):
         new = smooth(values, (3, 3, 1))
         values = np.where(np.abs(new - values) <= most * (high - low), new, values)
-    return _picture(values)
+    return _picture(_channels(values))
 
 
 def unrung(
@@ -120,19 +123,28 @@ def reduced(large: Floats, times: int, resampling: Any) -> Floats:
     """
     from PIL import Image
 
-    black, size = large[..., :3], (large.shape[1] // times, large.shape[0] // times)
-    has_alpha = large.shape[2] == 6
-    alpha = (
-        1 - (large[..., 3:] - black).mean(axis=2, keepdims=True) if has_alpha else black[..., :0]
-    )
-    levels = np.round(255 * np.clip(np.concatenate([black, alpha], axis=2), 0, 1)).astype(np.uint8)
+    size = large.shape[1] // times, large.shape[0] // times
+    levels = np.round(255 * np.clip(_with_alpha(large), 0, 1)).astype(np.uint8)
     planes = [
         Image.fromarray(plane).resize(size, resampling) for plane in np.moveaxis(levels, 2, 0)
     ]
-    result = np.stack([np.asarray(plane, np.float32) for plane in planes], axis=2) / 255
-    if not has_alpha:
-        return result
-    return np.concatenate([result[..., :3], result[..., :3] + 1 - result[..., 3:]], axis=2)
+    return _channels(np.stack([np.asarray(plane, np.float32) for plane in planes], axis=2) / 255)
+
+
+def _with_alpha(channels: Floats) -> Floats:
+    """Return the channels (h, w, 3), or of a picture with alpha those over black and its alpha."""
+    if channels.shape[2] == 3:
+        return channels
+    black, white = channels[..., :3], channels[..., 3:]
+    return np.concatenate([black, 1 - (white - black).mean(axis=2, keepdims=True)], axis=2)
+
+
+def _channels(planes: Floats) -> Floats:
+    """Return the channels (h, w, 3) or (h, w, 6) of planes of `_with_alpha`."""
+    if planes.shape[2] == 3:
+        return planes
+    black = planes[..., :3]
+    return np.concatenate([black, black + 1 - planes[..., 3:]], axis=2)
 
 
 def _enlarged(

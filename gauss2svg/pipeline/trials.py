@@ -6,19 +6,23 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from gauss2svg import portable
 from gauss2svg.areas.find import FoundAreas
+from gauss2svg.areas.refine import squared
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import Target
 from gauss2svg.measure.roundtrip import model_psnr
-from gauss2svg.photo.pixels import Focus, from_views, has_alpha, shrunk, views
+from gauss2svg.photo.pixels import Focus, from_views, has_alpha, over, shrunk, views
 from gauss2svg.pipeline.outcome import Export, Exporter, Subject
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
+from gauss2svg.render import render
 from gauss2svg.render.areas import coverage_of, draw_areas
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.scene import PARAMETERS
@@ -81,6 +85,8 @@ class Trials:
         scene = scene_of(self._subject, found)
         height, width = self._small.shape[:2]
         count = int(min(count, self.most, height * width // 3))
+        if found.areas and not self._has_shading(scene):
+            count = 0  # Gaussians on edges and thin parts are glows when the file is enlarged
         export, areas_alone = self._exporter.unscored(scene), scene
         first = error = cost = self._error(scene)
         # As long as more of them pay, more Gaussians are tried below the areas.
@@ -125,6 +131,13 @@ class Trials:
         """Return a scene without what the small picture lacks at the right and at the bottom."""
         height, width = self._small.shape[:2]
         return scene.replace(width=width * self._times, height=height * self._times)
+
+    def _has_shading(self, scene: Scene) -> bool:
+        """Return whether the error of a scene is wide, as that of shading is."""
+        picture = over(self._small)
+        error = render(self._cut(scene), *picture.shape[1::-1]) - picture
+        means: Any = ndimage.uniform_filter(error, (3, 3, 1))
+        return squared(means) > 0.4 * squared(error)  # docs/decisions/areas.md
 
     def is_visible(self, error: float) -> bool:
         """Return whether people can see a squared error at the picture's own size."""

@@ -12,18 +12,20 @@ from pictures import ball, clouds
 from skimage import data
 
 import gauss2svg
-from gauss2svg import Scene, SvgOptions, read_svg
-from gauss2svg.areas.find import find_areas
+from gauss2svg import Options, Scene, SvgOptions, read_svg
+from gauss2svg.areas.find import RATE, find_areas
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over
-from gauss2svg.pipeline.trials import without_idle
+from gauss2svg.pipeline.outcome import Exporter, Subject
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.trials import Trials, nothing, without_idle
 from gauss2svg.raster import rasterize, rasterize_rgba
 from gauss2svg.render import render
-from gauss2svg.scene.areas import AreaCounts, Outline
+from gauss2svg.scene.areas import Area, AreaCounts, Outline
 from gauss2svg.scene.inks import ink_colors, ink_name
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import write_svg
@@ -479,3 +481,24 @@ def test_a_sprite_of_over_a_megapixel_is_exact():
     result = vectorize(large)
     assert result.photo.shape[0] < 1152
     assert (rasterize(result.svg, 1152, 1152) == large / np.float32(255)).all()
+
+
+@pytest.mark.parametrize("is_soft", [False, True])
+def test_gaussians_are_tried_where_the_error_is_wider_than_edges(is_soft):
+    """Whole runs whose areas miss so many specks are rare, and depend on all other steps."""
+    y, x = np.mgrid[:64, :64] + 0.5
+    picture = np.full((64, 64, 3), 0.5, "f4")
+    spots = [(9 + 11 * k, 9 + 11 * j) for k in range(5) for j in range(5)]
+    for at_x, at_y in [(32, 32)] if is_soft else spots:
+        distance = np.hypot(x - at_x, y - at_y)
+        light = np.exp(-(distance**2) / 200) if is_soft else distance < 0.8
+        picture += (0.4 * light[..., None]).astype("f4")
+    plan = dataclasses.replace(Plan(Options()), has_areas=True, rate=RATE)
+    subject = Subject.of(picture)
+    trials = Trials(plan, subject, Exporter(plan, subject), lambda: False)
+    page = Area((Outline(((0, 0), (64, 0), (64, 64), (0, 64)), (False,) * 4),), (0.5,) * 3)
+    found = dataclasses.replace(nothing(picture), areas=(page,), background=(0.5,) * 3)
+    trial = trials.trial(found)
+    assert trial.shaded == is_soft
+    assert (len(trial.ground) > 0) == is_soft
+    assert is_soft or trials.wants_gaussians(trial) is False

@@ -9,6 +9,7 @@ from PIL import Image
 from gauss2svg import RunOptions, vectorize
 from gauss2svg.areas.find import find_areas
 from gauss2svg.areas.texture import may_have_areas
+from gauss2svg.raster import rasterize
 
 
 def wordmark(width: int, height: int, ink=(10, 46, 31)) -> Image.Image:
@@ -75,3 +76,28 @@ def test_outlines_of_a_reduced_logo_are_where_its_edges_are(is_clear):
     result = vectorize(mark, run=RunOptions(max_size=400))
     assert result.report["psnr_svg"] > 38
     assert len(result.scene.areas) < 8
+
+
+def test_no_paler_lines_are_along_the_edges_of_a_transparent_logo():
+    y, x = np.mgrid[:960, :960]
+    inside = (np.abs(x - 480) < 54) | (np.abs(y - 480) < 54)
+    cross = np.stack([98 + 0 * x, 93 + 0 * x, 245 + 0 * x, 255 * inside], axis=2).astype(np.uint8)
+    reduced = Image.fromarray(cross).resize((120, 120), Image.Resampling.LANCZOS)
+    result = vectorize(np.asarray(reduced))
+    assert len({area.paint for area in result.scene.areas}) == 1
+
+
+@pytest.mark.parametrize("size", [16, 24, 64])
+@pytest.mark.parametrize("gap", [0.0, 0.3])
+def test_a_disc_that_touches_the_edges_of_the_page_has_no_knobs(size, gap):
+    y, x = (np.mgrid[: 8 * size, : 8 * size] + 0.5) / 8
+    page = np.full((8 * size, 8 * size, 3), 255, np.uint8)
+    radius = size / 2 - gap
+    page[np.hypot(x - size / 2, y - size / 2) < radius] = 220, 40, 60
+    page[np.hypot(x - 0.4 * size, y - 0.45 * size) < 0.3 * radius] = 255
+    result = vectorize(np.asarray(Image.fromarray(page).reduce(8)))
+    drawn = rasterize(result.svg, 8 * size, 8 * size)
+    is_red = drawn[..., 1] < 0.5
+    far = np.hypot(x - size / 2, y - size / 2)[is_red].max()
+    assert far < radius + 0.6
+    assert len(result.scene.areas) < 4
