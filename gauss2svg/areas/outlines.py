@@ -151,8 +151,9 @@ def _ends_in(last: Floats, inner: Floats) -> Bools:
 
     A round that ends there has much less of the last row. An edge that leaves the picture has not.
     """
-    part, count = ndimage.label(last > 0)  # pyright: ignore[reportGeneralTypeIssues]
-    here, before = (ndimage.sum_labels(row, part, np.arange(count + 1)) for row in (last, inner))
+    labels: Any = ndimage.label(last > 0)
+    part, names = labels[0], np.arange(labels[1] + 1)
+    here, before = (ndimage.sum_labels(row, part, names) for row in (last, inner))
     return (here < 0.8 * before)[part] & (part > 0)
 
 

@@ -136,7 +136,7 @@ class Trials:
         """Return whether the error of a scene is wide, as that of shading is."""
         picture = over(self._small)
         error = render(self._cut(scene), *picture.shape[1::-1]) - picture
-        means: Any = ndimage.uniform_filter(error, (3, 3, 1))
+        means: Any = ndimage.uniform_filter(error, [3, 3, 1])  # pyright: ignore[reportArgumentType]
         return squared(means) > 0.4 * squared(error)  # docs/decisions/areas.md
 
     def is_visible(self, error: float) -> bool:
