@@ -87,8 +87,9 @@ def find_areas(
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
     drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
     drawing.focus = focus
-    # Faint layers are not even refined.
-    drawing = drawing.with_layers(merge.without_cheap(drawing, unit, 0.004), is_tied=False)
+    # Faint layers are not even refined. Before that, the others save less than they will.
+    layers = merge.without_cheap(drawing, unit, min(max(0.0015, rate), 0.004))
+    drawing = drawing.with_layers(layers, is_tied=False)
     find_s = time.perf_counter() - started
     return refined(drawing, rate, unit, progress, STEPS, find_s)
 

@@ -24,7 +24,7 @@ from scipy import ndimage
 from skimage.measure import find_contours
 
 from gauss2svg import portable
-from gauss2svg.areas.arrays import Bools, Box, Floats, Ints
+from gauss2svg.areas.arrays import Bools, Box, Floats, Ints, parts_of
 from gauss2svg.core import Kernel
 from gauss2svg.without_scipy import smoothed
 
@@ -32,6 +32,7 @@ from gauss2svg.without_scipy import smoothed
 Weights = Callable[[Floats], Floats]
 ARM = 5  # points before and after a corner between which it turns
 FINE = 3  # samples of a field for each px
+LEAST_DOT = 0.5  # px^2 of a dot, because smaller ones are noise
 
 _segment_bytes = Kernel("segment_bytes", "int float64 bool float float64")
 _fit_run = Kernel(
@@ -143,7 +144,31 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
         area = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
         if len(points) >= 4 and abs(area) >= 1:  # smaller ones are noise
             contours.append(points)
+    for dot in _dots_of(share):
+        dot = dot + np.array([box[1].start, box[0].start])
+        if not any(np.abs(c.mean(axis=0) - dot.mean(axis=0)).max() < 1 for c in contours):
+            contours.append(dot)
     return contours
+
+
+def _dots_of(share: Floats) -> list[Floats]:
+    """Return circles (8, 2) as large as the dots of a mask (h, w), which are less than 3 px^2.
+
+    Points and dots of small text may have less than half of each of their pixels.
+    """
+    dots = []
+    part, boxes = parts_of(share > 0.2)
+    for k, box in enumerate(boxes, 1):
+        own = np.where(part[box] == k, share[box], 0)
+        if LEAST_DOT <= (total := own.sum()) < 3:
+            middle = [
+                np.average(places + 0.5, weights=own) + side.start
+                for places, side in zip(np.indices(own.shape), box, strict=True)
+            ]
+            angle = np.arange(8) * math.pi / 4
+            circle = np.stack([portable.cos(angle), portable.sin(angle)], axis=1)
+            dots.append(middle[::-1] + math.sqrt(total / math.pi) * circle)
+    return dots
 
 
 def _ends_in(last: Floats, inner: Floats) -> Bools:
@@ -188,6 +213,10 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
 def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
     """Return the first curves through a closed contour (n, 2)."""
     points = resampled(points, 0.5)
+    if (
+        len(points) <= 8
+    ):  # no pixel of a dot may have its colour, so pixels do not tell its contrast
+        weight_at = lambda points: np.ones(len(points))  # noqa: E731
     points, corners = with_corners(points, turns_of(points, np.radians(35)))
     return fitted_path(points, corners, weight_at, unit, rate, True)
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg import portable
-from gauss2svg.areas import arrays
+from gauss2svg.areas import arrays, outlines
 from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Box, Floats, Ints
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
@@ -192,7 +192,22 @@ def join_touching(shares: Shares, paints: list[Paint]) -> Ints:
         for a, b in np.unique(np.stack([first[touching], second[touching]]), axis=1).T:
             root[root == root[b]] = root[a]
     shares.label = np.append(root, np.int32(-1))[shares.label]
-    return root[labels]
+    labels = root[labels]
+    _keep_dots(labels, shares)
+    return labels
+
+
+def _keep_dots(labels: Ints, shares: Shares) -> None:
+    """Give regions that have most of no pixel the pixel of which they have most.
+
+    Points and dots of small text have a pixel or two in all.
+    """
+    total = np.bincount(shares.label.ravel() + 1, shares.share.ravel())[1:]
+    total[np.unique(labels)] = 0
+    small = np.flatnonzero(total >= outlines.LEAST_DOT)
+    ys, xs, slot = np.nonzero(np.isin(shares.label, small))
+    for k in np.argsort(shares.share[ys, xs, slot], kind="stable"):
+        labels[ys[k], xs[k]] = shares.label[ys[k], xs[k], slot[k]]
 
 
 def masks_of(

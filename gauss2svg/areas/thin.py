@@ -23,6 +23,7 @@ from gauss2svg.portable import dot, product
 
 PURE = 3  # px; a square of this size whose pixels have one colour is no mixture
 UNEXPLAINED = 0.0015  # squared error of a pixel that regions do not explain
+FAINT = 0.0003  # the same, if a part has it evenly
 RIM = 2  # px around a part in which pixels are mixed of its colour and the ground
 SAME_COLOR = 6 * LEVEL  # largest difference of a part's colour from a paint that it takes
 MOST_PARTS = 1000  # because photos have thousands of parts
@@ -67,7 +68,12 @@ def add_letters(
         # Slivers at the edges of thick parts are no text.
         if sum(np.count_nonzero(letter.share > half) for letter in line) < 8:
             continue
-        same = [p for p in flat if np.abs(p.color - longest.darkest).max() <= SAME_COLOR]
+        strong = np.concatenate([pixels[letter.at][letter.share > half] for letter in line])
+        same = [p for p in flat if _differences(longest.darkest, p) <= SAME_COLOR]
+        # The darkest pixel of thicker strokes may be mixed of another area that they meet.
+        if np.mean(_differences(strong, Paint(longest.darkest)) <= SAME_COLOR) < 0.03:
+            common = [p for p in flat if np.mean(_differences(strong, p) <= SAME_COLOR) > 0.5]
+            same = common or same
         share, most = np.concatenate([letter.share for letter in line]), longest.share.max()
         if not same and np.mean(share[share > half] > 0.97 * most) < 0.1:
             # The strokes are so thin that none of their pixels may be pure.
@@ -79,7 +85,7 @@ def add_letters(
         if not same:
             flat.append(Paint(longest.darkest))
             same = flat[-1:]
-        paint = min(same, key=lambda p: np.abs(p.color - longest.darkest).max())
+        paint = min(same, key=lambda p: _differences(longest.darkest, p))
         for letter in line:
             ys, xs = letter.at
             way = paint.color - paints[letter.region].at(xs, ys)
@@ -92,6 +98,11 @@ def add_letters(
             ground[letter.near] = letter.region
             paints.append(paint)
     return ground
+
+
+def _differences(colors: Floats, paint: Paint) -> Floats:
+    """Return the largest difference of each of the colours (.., c) from a paint."""
+    return np.abs(colors - paint.color).max(axis=-1)
 
 
 def inside_of(cores: Ints, size: int) -> Ints:
@@ -116,7 +127,7 @@ def _letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]
         own = part[box] == k
         rim = dilated(own, RIM)
         around = cores[box][rim & solid[box]]
-        if np.count_nonzero(own) < 4 or not len(around):
+        if np.count_nonzero(own) < 2 or not len(around):
             continue
         counts = np.bincount(around)
         region = int(counts.argmax())
@@ -128,10 +139,13 @@ def _letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]
         way = (off * np.sqrt((off**2).sum(axis=1, keepdims=True))).sum(axis=0)
         way /= max(np.sqrt(dot(way, way)), 1e-9)
         share = product(off, way)
-        rest = (off - share[:, None] * way) ** 2
-        if share.max() < 0.15 or rest.sum() > 1e-3 * len(ys):
+        rest = ((off - share[:, None] * way) ** 2).sum(axis=1)
+        # Pixels that are no mixtures are those of other areas that the part meets.
+        strength = np.where(rest <= 0.001, share, 0)
+        share = np.minimum(share, strength.max())
+        if share.max() < 0.15 or rest.mean() > 1e-3:
             continue  # it is faint, or has pixels that are no mixtures
-        darkest = pixels[ys, xs][share.argmax()].astype(np.float64)
+        darkest = pixels[ys, xs][strength.argmax()].astype(np.float64)
         # Another colour than these two that is pure within the part was not mixed of them.
         names = np.unique(pure[box][own & (pure[box] >= 0)])
         off = [np.abs(paints[name].color - [darkest, ground.color]).max(axis=1) for name in names]
@@ -171,34 +185,46 @@ def _are_beside(one: Box, other: Box) -> bool:
 def add_thin_regions(
     pixels: Floats, cores: Ints, labels: Ints, shares: Shares, paints: list[Paint], palette: Palette
 ) -> None:
-    """Give parts that nothing explains a colour. `shares` and `paints` are changed.
+    """Give parts that nothing explains a colour. `shares` and `paints` are changed."""
+    for _ in range(3):
+        before = len(paints)
+        _add_parts(pixels, cores, labels, shares, paints, palette, UNEXPLAINED)
+        if len(paints) == before:
+            break
+    _add_parts(pixels, cores, labels, shares, paints, palette, FAINT)
+
+
+def _add_parts(
+    pixels: Floats, cores: Ints, labels: Ints, shares: Shares, paints: list[Paint],
+    palette: Palette, least: float,
+) -> None:  # fmt: skip
+    """Give parts whose pixels have squared errors above `least` a colour.
 
     The strongest part comes first, because its colour may explain the weaker ones.
     """
-    for _ in range(3):
-        part, boxes = parts_of(shares.error > UNEXPLAINED)
-        before = len(paints)
-        power = ndimage.sum_labels(shares.error, part, np.arange(1, len(boxes) + 1))
-        for q in np.argsort(-power, kind="stable")[:MOST_PARTS]:
-            at = pixels_of(part[boxes[q]] == q + 1, boxes[q])
-            old = shares.error[at]
-            if len(old) < 3 or old.sum() < 0.02:
-                continue
-            paint, cost = _paint_of_part(pixels, labels, at, old, paints, palette)
-            if cost > 0.6 * np.minimum(old, MOST_COUNTED).sum():
-                continue
-            name = len(paints)
-            paints.append(paint)
-            box = widened(boxes[q], 2, labels.shape)
-            grown_part = dilated(part[box] == q + 1) & (cores[box] < 0)
-            at = pixels_of(grown_part, box)
-            label, share, error = palette.explain(pixels, labels, at, paint.color, name)
-            better = (error < shares.error[at] - PRICE) & (label == name).any(axis=1)
-            at = at[0][better], at[1][better]
-            shares.label[at], shares.share[at] = label[better], share[better]
-            shares.error[at] = error[better]
-        if len(paints) == before:
-            break
+    part, boxes = parts_of(shares.error > least)
+    power = ndimage.sum_labels(shares.error, part, np.arange(1, len(boxes) + 1))
+    for q in np.argsort(-power, kind="stable")[:MOST_PARTS]:
+        at = pixels_of(part[boxes[q]] == q + 1, boxes[q])
+        old = shares.error[at]
+        if len(old) < 3 or old.sum() < 0.02:
+            continue
+        # Faint errors that are even are those of a line in a colour that is nearly a mixture.
+        if least < UNEXPLAINED and (len(old) < 16 or old.std() > 0.25 * old.mean()):
+            continue
+        paint, cost = _paint_of_part(pixels, labels, at, old, paints, palette)
+        if cost > 0.6 * np.minimum(old, MOST_COUNTED).sum():
+            continue
+        name = len(paints)
+        paints.append(paint)
+        box = widened(boxes[q], 2, labels.shape)
+        grown_part = dilated(part[box] == q + 1) & (cores[box] < 0)
+        at = pixels_of(grown_part, box)
+        label, share, error = palette.explain(pixels, labels, at, paint.color, name)
+        better = (error < shares.error[at] - PRICE) & (label == name).any(axis=1)
+        at = at[0][better], at[1][better]
+        shares.label[at], shares.share[at] = label[better], share[better]
+        shares.error[at] = error[better]
 
 
 def _paint_of_part(
