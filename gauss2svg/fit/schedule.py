@@ -120,7 +120,8 @@ class Clock:
                       must end, or None if no time limits the fit
     round_iterations  number of steps in each round. If it is None, the rounds share the first
                       GROWTH_SHARE of the iterations equally
-    stop              function that is called at every step. The fit ends when it returns True
+    stop              function that is called at every step. The fit ends when it returns True, and
+                      it must return True from then on
     """
 
     def __init__(
@@ -131,13 +132,10 @@ class Clock:
         round_iterations: int | None = None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        self.iterations = iterations
-        self.iteration = 0
-        self.out_of_time = False
+        self.iterations, self.iteration, self.out_of_time = iterations, 0, False
         self._rounds, self._round_iterations = max(rounds, 1), round_iterations
-        self._deadline, self._paused_s = deadline, 0.0
-        self._stop, self._stopped = stop, False
-        self._started_s = time.perf_counter()
+        self._deadline, self.stopped = deadline, stop
+        self._started_s, self._paused_s = time.perf_counter(), 0.0
         self.begin_refinement(None, 0.0)
 
     @property
@@ -149,12 +147,6 @@ class Clock:
         """
         return time.perf_counter() - self._started_s - self._paused_s
 
-    @property
-    def stopped(self) -> bool:
-        """Whether the caller has asked the fit to stop."""
-        self._stopped = self._stopped or self._stop()
-        return self._stopped
-
     def round_is_over(self, index: int) -> bool:
         """Return whether round `index` (0, 1, ...) of growth has used up its steps or its time."""
         # If only the time limits the fit, the time that 30 steps a round leave is of more use in
@@ -162,13 +154,8 @@ class Clock:
         steps = (self._round_iterations or 30) * (index + 1)
         if self._round_iterations is None and self.iterations is not None:
             steps = int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds
-        late = self._share_of_time(0.0) >= GROWTH_SHARE * (index + 1) / self._rounds
-        return self.iteration >= steps or late or self.stopped
-
-    @property
-    def growth_is_late(self) -> bool:
-        """Whether growth has used up its share of the time."""
-        return self._share_of_time(0.0) >= GROWTH_SHARE
+        late = self.share_of_time() >= GROWTH_SHARE * (index + 1) / self._rounds
+        return self.iteration >= steps or late or self.stopped()
 
     def growth_progress(self, index: int) -> float:
         """Return the progress in 0..GROWTH_SHARE at the end of round `index` of growth."""
@@ -205,12 +192,12 @@ class Clock:
         Also set `out_of_time` to whether progress measured by time is larger than progress measured
         by iterations.
         """
-        if self.stopped:
+        if self.stopped():
             return 1.0
         by_steps = 0.0
         if self._steps is not None:
             by_steps = (self.iteration - self._first_step) / self._steps if self._steps else 1.0
-        by_time = self._share_of_time(self._start_s)
+        by_time = self.share_of_time(self._start_s)
         if not self._reduced:
             self.out_of_time = by_time > by_steps
             return self._start + (1 - self._start) * min(max(by_steps, by_time), 1.0)
@@ -225,7 +212,7 @@ class Clock:
         self.out_of_time = seconds > steps
         return min(max(steps, seconds), 1.0)
 
-    def _share_of_time(self, since_s: float) -> float:
+    def share_of_time(self, since_s: float = 0.0) -> float:
         """Return which share of the time from `since_s` to the deadline has passed.
 
         `since_s` is an earlier value of `elapsed_s`. If there is no deadline, the share is 0.

@@ -39,7 +39,7 @@ from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
 from gauss2svg.fit.population import AsWritten, Population
 from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import SQUARED_LOSSES, Target
+from gauss2svg.fit.target import Target
 from gauss2svg.photo.pixels import psnr_of
 from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
@@ -315,7 +315,7 @@ class FitSession:
             wall_s=self.wall_s,
             cpu_s=self.cpu_s,
             pixel_pairs=self.pixel_pairs,
-            stop_reason="interrupted" if self.clock.stopped else reason,
+            stop_reason="interrupted" if self.clock.stopped() else reason,
             rollbacks=self.guard.rollbacks,
             rate=self.config.fit.learning_rate * self.guard.rate,
         )
@@ -328,11 +328,10 @@ class FitSession:
         population, clock = self.population, self.clock
         for index in itertools.count():
             count = total = len(population)
-            if not clock.stopped:
-                done = clock.growth_progress(index - 1)
-                total = self.policy.grow(
-                    Snapshot(count, done, population.psnr, population.scene, clock.growth_is_late)
-                )
+            if not clock.stopped():
+                self._done = clock.growth_progress(index - 1)
+                is_late = clock.share_of_time() >= schedule.GROWTH_SHARE
+                total = self.policy.grow(self._snapshot(is_late))
             self.guard.reset()
             if total <= count:
                 population.reduce_to(population.reduction_at(schedule.GROWTH_SHARE))
@@ -343,7 +342,7 @@ class FitSession:
             population.densify_or_prune(total)
             while not clock.round_is_over(index):
                 self._step(clock.growth_progress(index))
-            self._restore_best(tolerant=not clock.stopped)
+            self._restore_best(tolerant=not clock.stopped())
 
     def _refine(
         self, steps: int | None, start: float, events: Iterable[_Event], gently: bool = False
@@ -423,8 +422,9 @@ class FitSession:
                     self.prune_to(self.policy.max_count(self._snapshot(), True))
             self._quantized = True
 
-    def _snapshot(self) -> Snapshot:
-        return Snapshot(len(self.state), self._done, self.population.psnr, self.population.scene)
+    def _snapshot(self, is_late: bool = False) -> Snapshot:
+        population = self.population
+        return Snapshot(len(population), self._done, population.psnr, population.scene, is_late)
 
     def _restore_best(self, tolerant: bool = False) -> None:
         """Restore the best state of a stage if its last state is worse.
@@ -435,15 +435,8 @@ class FitSession:
         population, best = self.population, self.guard.best
         if not len(population) or best is None:
             return
-        # Rendering takes a third of the time of `evaluate`, which computes a gradient too. So it is
-        # used in the cases in which both give the same loss.
-        if self.config.fit.loss in SQUARED_LOSSES:
-            error = population.target.error_of(population.rendered())
-            loss = 0.5 * error * population.target.planar.size
-        else:
-            loss = population.evaluate(population.splats()).loss
-        # Sums of the same terms in another order differ slightly.
-        if not loss <= self.guard.least * (1.2 if tolerant else 1 + 1e-6):
+        loss = population.evaluate(population.splats()).loss
+        if not loss <= self.guard.least * (1.2 if tolerant else 1.0):
             population.state = best.copy()
 
     def _step(self, done: float) -> None:

@@ -106,9 +106,9 @@ def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
 
 def test_an_interrupted_reduced_refinement_ends_at_full_size():
     session, sizes = large(40)
-    session.clock._stop = lambda: bool(sizes) and sizes[-1][0] > GROWTH_SHARE
+    session.clock.stopped = lambda: bool(sizes) and sizes[-1][0] > GROWTH_SHARE
     session.fit()
-    assert session.clock.stopped
+    assert session.clock.stopped()
     assert sizes[-1][1] > 1
     assert session.population.reduction == 1
     assert session.scene().mean.max() > 160
