@@ -35,9 +35,7 @@ def smoothed(
     return np.ascontiguousarray(plane)
 
 
-def _smoothed_down(
-    plane: NDArray[np.floating], weights: tuple[float, ...]
-) -> NDArray[np.floating]:
+def _smoothed_down(plane: NDArray[np.floating], weights: tuple[float, ...]) -> NDArray[np.floating]:
     """Return a plane (h, w, ...) whose columns are smoothed. `weights` is half of the window."""
     smooth, radius = np.empty_like(plane), len(weights) - 1
     rows = mirrored(len(plane), radius)

@@ -137,11 +137,7 @@ def opened_by_libvips(file: bytes, loader: str) -> StoredImage:
     stored.note_frames(fields.get("n-pages", 1), "pages" if loader == "tiffload" else "frames")
     if loader == "jpegload":
         stored.scales = (1, 2, 4, 8)
-    elif loader == "pngload" and (place := file.find(b"acTL", 0, file.find(b"IDAT"))) > 0:
-        stored.note_frames(int.from_bytes(file[place + 4 : place + 8], "big"))
     elif loader == "heifload":
-        if file[8:12] == b"avis":
-            stored.notes.append("first of several frames")
         if codes := re.search(rb"colrnclx(..)(..)", file, re.DOTALL):
             _take_codes(stored, *(int.from_bytes(code, "big") for code in codes.groups()))
     elif stored.alpha is not None and (kinds := tags.get(Base.ExtraSamples)):
@@ -202,8 +198,6 @@ def opened_by_libheif(file: bytes, _loader: str) -> StoredImage:
     stored.profile = heif.info.get("icc_profile")
     if nclx := heif.info.get("nclx_profile"):
         _take_codes(stored, nclx["color_primaries"], nclx["transfer_characteristics"])
-    if len(heif) > 1:
-        stored.notes.append(f"primary image of {len(heif)}")
     return stored
 
 

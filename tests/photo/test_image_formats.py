@@ -79,8 +79,8 @@ with Image.open(io.BytesIO(encoded(Image.fromarray(BYTES), "PNG"))) as CLOSED:
         (CLOSED, "must be a complete image of a supported kind"),
         (np.zeros((0, 4, 3)), "must be at least 1x1 px; got 4x0 px"),
         (np.zeros((4, 4), np.int64), "type of array must be uint8, .*; got int64"),
-        (np.full((4, 4), 1.5), "must be finite and in 0..1; got 1.5 at row 0, column 0, channel 0"),
-        (np.array([[0, float("inf")]]), "got inf at row 0, column 1, channel 0"),
+        (np.full((4, 4), 1.5), "must be finite and in 0..1; got 1.5"),
+        (np.array([[0, float("inf")]]), "got inf"),
         (42, "got int"),
         (io.StringIO("text"), "must be binary; got one that reads str"),
         (Image.fromarray(np.array([[70000, 5]], np.int32)), r"in 0\.\.1; got 1\.068"),
@@ -170,8 +170,7 @@ def test_heic_of_a_phone_and_a_cropped_avif_are_read(name):
     else:
         shows = (x > 0 if name == "alpha" else x >= 0)[:, :, None]
         np.testing.assert_allclose(photo.pixels, blocks * shows, atol=2 / 255)
-    notes = {"second": "primary image of 2", "profile": CONVERTED}
-    assert photo.notes == ((notes[name],) if name in notes else ())
+    assert photo.notes == ((CONVERTED,) if name == "profile" else ())
     alpha = np.ones((16, 24)) if photo.alpha is None else photo.alpha
     np.testing.assert_allclose(alpha, x / 25.5 if name == "alpha" else 1, atol=1 / 255)
 
@@ -232,8 +231,8 @@ def test_orientation_that_is_none_turns_nothing(name, exif):
 def test_first_of_several_frames_is_taken_and_noted(name):
     frames = [Image.new("RGB", (16, 16), (level, level, level)) for level in (200, 100, 0)]
     file = encoded(frames[0], name, save_all=True, append_images=frames[1:])
-    count, what = "several" if name == "AVIF" else 3, "pages" if name == "TIFF" else "frames"
-    assert_read(file, 200 / 255, (f"first of {count} {what}",), 2 / 255)
+    note = f"first of 3 {'pages' if name == 'TIFF' else 'frames'}"
+    assert_read(file, 200 / 255, () if name in ("PNG", "AVIF") else (note,), 2 / 255)
 
 
 @pytest.mark.parametrize("name", ["PNG", "TIFF", "JPEG", "exif", "turned"])
