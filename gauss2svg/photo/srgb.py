@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pyvips
 from numpy.typing import NDArray
-from PIL import Image, ImageCms
+from PIL import ImageCms
 
 from gauss2svg.photo.decoders import samples
 from gauss2svg.photo.pixels import unit
@@ -43,43 +43,24 @@ def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float3
     Return `color` itself if the profile is that of sRGB, and None if the profile is unusable.
     """
     channels, stored = {b"GRAY": 1, b"RGB ": 3, b"CMYK": 4}.get(profile[16:20]), color.shape[2]
+    if channels is None or (stored == 4) != (channels == 4) or channels < stored:
+        return None
+    steps = np.linspace(0, 1, 9, dtype=np.float32)
+    levels = np.stack(np.meshgrid(*[steps] * channels), axis=-1).reshape(1, -1, channels)
     try:
-        if channels == 1 == stored:
-            steps, curve = _grey_curve(profile)
-            if np.abs(curve - steps).max() <= _SAME:
-                return color
-            return np.interp(color, steps, curve).astype(np.float32)
-        if channels == 4 == stored:
-            return _transformed(color, profile)
-        if channels == 3 and stored != 4:
-            steps = np.linspace(0, 1, 9, dtype=np.float32)
-            levels = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(1, -1, 3)
-            if np.abs(_transformed(levels, profile) - levels).max() <= _SAME:
-                return color
-            return _transformed(color.repeat(3 // stored, axis=2), profile)
+        if channels < 4 and np.abs(_transformed(levels, profile) - levels).max() <= _SAME:
+            return color
+        return _transformed(color.repeat(channels // stored, axis=2), profile)
     except (ImageCms.PyCMSError, OSError, pyvips.Error):
-        pass
-    return None
-
-
-def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Return 256 grey levels in 0..1, and the sRGB values that an ICC profile gives to them.
-
-    The flag NOOPTIMIZE makes Little CMS convert each level. By default Little CMS converts only 33
-    levels and interpolates between them, and libvips uses this default.
-    """
-    parsed, srgb = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
-    levels = Image.fromarray(np.arange(256, dtype=np.uint8)[None])
-    transform = ImageCms.buildTransform(parsed, srgb, "L", "RGB", flags=ImageCms.Flags.NOOPTIMIZE)
-    return np.linspace(0, 1, 256), np.asarray(transform.apply(levels))[0, :, 0] / 255
+        return None
 
 
 def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32]:
-    """Convert RGB or CMYK to RGB in sRGB by an ICC profile, with 16 bits per channel."""
+    """Convert grey, RGB or CMYK to RGB in sRGB by an ICC profile, with 16 bits per channel."""
     # This call is here to raise an error if the profile is broken. libvips would raise none.
     ImageCms.ImageCmsProfile(io.BytesIO(profile))
     levels = np.round(color * np.float32(65535)).astype(np.uint16)
-    kind = "cmyk" if color.shape[2] == 4 else "rgb16"
+    kind = {1: "grey16", 3: "rgb16", 4: "cmyk"}[color.shape[2]]
     picture = pyvips.Image.new_from_array(levels).copy(interpretation=kind)
     picture.set_type(pyvips.GValue.blob_type, "icc-profile-data", profile)  # pyright: ignore[reportArgumentType]
     picture = picture.icc_transform("srgb", embedded=True, intent="perceptual", depth=16)
