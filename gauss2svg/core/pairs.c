@@ -53,7 +53,7 @@ columns, tiles  number of tile columns, and of tiles
 row_bits   a tile has 2^row_bits rows
 bits       (n,) a pair of Gaussian i has at most 2^bits[i] rows
 column, strip, strip_rows  as in find_strip_rows
-offset, gaussian, rows, start, order  fields of Pairs: output. offset and start must be 0 on entry
+offset, gaussian, rows, start, order  as find_pairs returns them: output. offset and start must be 0 on entry
 tile       (p,) output: the tile of each pair
 tile_rows  (tiles,) output: number of pair rows in each tile. It must be 0 on entry */
 API void list_pairs(int64_t n, int64_t columns, int64_t tiles, int64_t row_bits,

@@ -22,6 +22,7 @@ from gauss2svg.photo.decoders import (
     SWAPPED,
     TYPES,
     StoredImage,
+    in_srgb,
     of_image,
     opened_by_libheif,
     opened_by_libvips,
@@ -42,7 +43,6 @@ from gauss2svg.photo.pixels import (
     shrunk,
     unit,
 )
-from gauss2svg.photo.srgb import in_srgb
 
 # libjpeg can reduce a JPEG while it decodes it, but its filter removes high frequencies
 # (docs/decisions/photo.md). So libjpeg may reduce each side only to at least this many times the

@@ -193,16 +193,19 @@ def _visit(
         is_read = mode in (SQUARED_ERROR, REMOVAL)
         weight = np.ones(image.shape[1:] if is_read else (1, 1), image.dtype)
     weight = np.ascontiguousarray(weight, image.dtype)
-    pairs = find_pairs(splats.mean, splats.sigma, splats.rho, splats.radius, *image.shape[1:])
-    tiles, work = len(pairs.work) - 1, pairs.work
-    out, loss = np.empty_like(image), np.zeros(tiles)
-    pair_out = np.empty((len(pairs.gaussian), pair_width), image.dtype)
-    row_count = int(work[-1] - TILE_HEIGHT * tiles)
-    totals = np.empty((len(splats.mean), pair_width))
+    offset, gaussian, rows, start, order, count = find_pairs(
+        splats.mean, splats.sigma, splats.rho, splats.radius, *image.shape[1:]
+    )
+    # The work on the tiles before each. A tile counts as TILE_HEIGHT more rows than it has, for the
+    # pixels of the image.
+    work = np.concatenate([[0], np.cumsum(count + TILE_HEIGHT)])
+    out, loss = np.empty_like(image), np.zeros(len(count))
+    pair_out = np.empty((len(gaussian), pair_width), image.dtype)
+    totals, row_count = np.empty((len(splats.mean), pair_width)), int(count.sum())
     background, ground = splats.background.astype(image.dtype), splats.ground
     if ground is not None:
         ground = np.ascontiguousarray(ground, image.dtype)
-    capacity = pairs.most_rows * TILE_WIDTH
+    capacity = int(count.max(initial=0)) * TILE_WIDTH
 
     def walk_share(share: int, shares: int) -> None:
         # A share is consecutive tiles, because neighbouring tiles write to the same lines of the
@@ -212,13 +215,13 @@ def _visit(
         buffers = np.empty(4 * capacity + 16, image.dtype)
         _walk_tiles(
             splats.additive, mode, first, end, *image.shape[1:], splats.shape,
-            splats.opacity_color, background, ground, image, weight, pairs.gaussian, pairs.rows,
-            pairs.start, pairs.order, buffers, capacity, pair_out, out, loss,
+            splats.opacity_color, background, ground, image, weight, gaussian, rows, start, order,
+            buffers, capacity, pair_out, out, loss,
         )  # fmt: skip
 
     def add_share(share: int, shares: int) -> None:
         first, end = (len(totals) * k // shares for k in (share, share + 1))
-        _add_pairs(first, end, pair_width, pairs.offset, pair_out, totals)
+        _add_pairs(first, end, pair_width, offset, pair_out, totals)
 
     # A thread pays for 16384 pair rows that are walked, or 65536 that are added.
     in_shares(walk_share, row_count // 16384)

@@ -19,7 +19,7 @@ import os
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,32 +71,6 @@ TILE_HEIGHT = 1 << TILE_BITS
 LEAST_STEPPED = 1 / 64
 
 
-class Pairs(NamedTuple):
-    """The p pairs of n Gaussians and the tiles of a canvas.
-
-    A pair is the part of one Gaussian on consecutive rows of one tile. The pairs are stored
-    Gaussian by Gaussian. `order` lists them tile by tile.
-
-    offset     (n + 1,) int64: Gaussian i has the pairs offset[i]:offset[i + 1]
-    gaussian   (p,) int32: index of the Gaussian of each pair
-    rows       (p, 2) int32: first image row of each pair, and the row after its last row
-    start      (tiles + 1,) int64: the pairs of tile t are order[start[t]:start[t + 1]]
-    order      (p,) int32: indices of pairs, tile by tile. Within a tile they are listed from front
-               to back: the topmost Gaussian is first
-    work       (tiles + 1,) int64: work[t] is the work on the tiles before t, in pair rows. A tile
-               counts as TILE_HEIGHT more rows than it has, for the pixels of the image
-    most_rows  largest number of pair rows in a tile
-    """
-
-    offset: NDArray[np.int64]
-    gaussian: NDArray[np.int32]
-    rows: NDArray[np.int32]
-    start: NDArray[np.int64]
-    order: NDArray[np.int32]
-    work: NDArray[np.int64]
-    most_rows: int
-
-
 def find_pairs(
     mean: NDArray[np.float64],
     sigma: NDArray[np.float64],
@@ -104,11 +78,22 @@ def find_pairs(
     radius: NDArray[np.float64],
     height: int,
     width: int,
-) -> Pairs:
-    """Return the pairs of n Gaussians on a canvas of height x width px.
+) -> tuple[NDArray[Any], ...]:
+    """Return the p pairs of n Gaussians and the tiles of a canvas of height x width px.
 
     mean (n, 2) and sigma (n, 2) are in px, and rho is (n,). radius (n,) is the Mahalanobis distance
     at which each Gaussian is cut off.
+
+    A pair is the part of one Gaussian on consecutive rows of one tile. The pairs are stored
+    Gaussian by Gaussian. Six arrays are returned:
+
+    offset    (n + 1,) int64: Gaussian i has the pairs offset[i]:offset[i + 1]
+    gaussian  (p,) int32: index of the Gaussian of each pair
+    rows      (p, 2) int32: first image row of each pair, and the row after its last row
+    start     (tiles + 1,) int64: the pairs of tile t are order[start[t]:start[t + 1]]
+    order     (p,) int32: indices of pairs, tile by tile. Within a tile they are listed from front
+              to back: the topmost Gaussian is first
+    count     (tiles,) int64: number of pair rows in each tile
     """
     count = len(mean)
     columns = -(-width // TILE_WIDTH)
@@ -144,6 +129,4 @@ def find_pairs(
         count, columns, tiles, TILE_BITS, bits, column, strip, strip_rows, offset, gaussian, tile,
         rows, start, tile_rows, order,
     )  # fmt: skip
-    work = np.zeros(tiles + 1, np.int64)
-    np.cumsum(tile_rows + TILE_HEIGHT, out=work[1:])
-    return Pairs(offset, gaussian, rows, start, order, work, int(tile_rows.max(initial=0)))
+    return offset, gaussian, rows, start, order, tile_rows
