@@ -21,14 +21,7 @@ from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
-from gauss2svg.raster import (
-    AT_REST,
-    BROWSERS,
-    Feature,
-    refuse_unsupported,
-    renderer_version,
-    uses,
-)
+from gauss2svg.raster import AT_REST, BROWSERS, Feature, refuse_unsupported, renderer_version, uses
 from gauss2svg.raster.isolated import draw
 from gauss2svg.svg.file import (
     BLANKS,
@@ -311,12 +304,9 @@ def _notes(
             # One note is enough if neither the SVG nor its viewBox has the photo's proportions.
             break
     if texts := tags.get("text", 0):
-        no_fonts = "not drawn, because resvg gets no fonts. Try paths"
-        no_fonts += "" if is_animated else ", or --renderer chromium"
-        how = no_fonts if renderer == "resvg" else "drawn in the fonts of this machine"
+        how = "not drawn, because resvg gets no fonts. Try paths, or another --renderer"
+        how = how if renderer == "resvg" else "drawn in the fonts of this machine"
         notes.append(f"text ({texts}) is {how}")
-    if pictures := tags.get("image", 0):
-        notes.append(f"embedded images ({pictures}) are measured along with the shapes")
     if surveyed.remarks and renderer not in BROWSERS:
         first, more = ", ".join(surveyed.remarks[:3]), " and more" if surveyed.remarks[3:] else ""
         unknown = f"{renderer} is not known to draw these as browsers do: {first}{more}"

@@ -149,17 +149,6 @@ def test_number_of_inks_is_chosen_for_the_picture_and_unseen_inks_are_named(pict
     assert any(note.startswith(said) for note in more.report["notes"])
 
 
-@pytest.mark.sweep
-def test_bytes_and_psnr_are_held(picture):
-    part = picture[:48, :48]
-    small = vectorize(part, max_bytes=900, iterations=60, inks=INKS)
-    assert len(small.svg) <= 900
-    assert small.scene.inks is not None
-    aimed = vectorize(part, target_psnr=24, iterations=60, inks=INKS)
-    assert not aimed.report["unreached"]
-    assert aimed.report["psnr_svg"] > 23.9
-
-
 def test_a_picture_in_inks_is_the_same_in_any_bands(picture):
     inks = InkColors(ink_colors(INKS))
     tall = inks.inked(np.tile(picture, (8, 1, 1)))  # more than one band

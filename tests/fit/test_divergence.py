@@ -79,15 +79,3 @@ def test_guard_rolls_back_to_the_best_state_where_the_loss_rises_and_shows():
     assert relocating.observe(5.0, 0.5, copy)
     assert invisible.observe(1e-9, 1e-10, copy)
     assert invisible.observe(1e-6, 1e-7, copy)
-
-
-def test_finished_fit_continues_in_small_steps_that_grow():
-    guard = DivergenceGuard()
-    guard.begin_gently()
-    rates = [guard.rate]
-    while guard.rate < 1 and len(rates) < 50:
-        assert guard.observe(1.0, 1.0, object)
-        rates.append(guard.rate)
-    assert rates[0] == 0.25
-    assert rates == sorted(rates)
-    assert 10 < len(rates) < 20

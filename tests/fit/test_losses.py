@@ -92,20 +92,6 @@ def test_a_function_that_is_no_loss_is_refused(answer, message):
         fit(pixels, fit_config(3, 5, loss=lambda render, target: answer))
 
 
-@pytest.mark.parametrize("loss", ["mse", "l1"])
-@pytest.mark.parametrize("weight", [0.3])
-def test_pixel_losses_are_means_over_all_values(loss, weight):
-    rendered, target = planes(12, 14)
-    pixel, by_pixel = image_gradient(loss, rendered, target)
-    difference = np.abs(rendered - target) if loss == "l1" else (rendered - target) ** 2
-    assert pixel == pytest.approx(difference.mean())
-    value, gradient = image_gradient(f"{loss}+ssim", rendered, target, weight)
-    structure, by_structure = image_gradient(f"{loss}+ssim", rendered, target, 1.0)
-    assert value == pytest.approx((1 - weight) * pixel + weight * structure)
-    expected = (1 - weight) * by_pixel + weight * by_structure
-    np.testing.assert_allclose(gradient, expected, atol=1e-12)
-
-
 def chequered(height, width, contrast, cell=1) -> np.ndarray:
     """Grey pixels (height, width, 3); with cells of 1 px their variance is contrast (width,)^2."""
     y, x = np.mgrid[:height, :width] // cell

@@ -6,7 +6,7 @@ from scipy.ndimage import uniform_filter
 from skimage import data
 from skimage.color import rgb2lab
 
-from gauss2svg.measure.metrics import box_mean, chroma, local_hue_error
+from gauss2svg.measure.metrics import chroma, local_hue_error
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo.pixels import views
 
@@ -24,13 +24,6 @@ def test_a_and_b_are_those_of_scikit_image():
     # Between the 256 levels the table of linear light has 16 steps.
     between = RNG.random((50, 50, 3)).astype(np.float32) ** 4
     assert chroma(between) == pytest.approx(rgb2lab(between)[..., 1:], abs=0.1)
-
-
-@pytest.mark.parametrize(("shape", "window"), [((1, 1), 9), ((2, 3, 5), 3), ((40, 30), 13)])
-def test_means_over_boxes_are_those_of_scipy(shape, window):
-    planes = RNG.standard_normal(shape).astype(np.float32)
-    expected = uniform_filter(planes, window, axes=(-2, -1))
-    assert box_mean(planes, window) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("size", [(150, 20), (5, 7)])

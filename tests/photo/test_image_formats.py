@@ -1,7 +1,6 @@
 """What any source and each format can hold arrives as it was stored, or is refused."""
 
 import io
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -133,10 +132,7 @@ def test_every_format_gives_what_was_stored(name):
 
 
 @pytest.mark.parametrize("interlaced", [False, True])
-@pytest.mark.parametrize(
-    ("bits", "channels"),
-    [(1, 1), (4, 1), (8, 2), (8, 3), (16, 1), (16, 4)],
-)
+@pytest.mark.parametrize(("bits", "channels"), [(1, 1), (4, 1), (8, 2), (8, 3), (16, 1), (16, 4)])
 def test_png_keeps_every_bit_and_one_colour_may_be_clear(bits, channels, interlaced):
     samples = WIDE[:, :, :channels] >> (16 - bits)
     color, alpha = samples[:, :, : 3 if channels > 2 else 1] / (2**bits - 1), None
@@ -207,26 +203,6 @@ def test_orientation_is_applied_to_whole_and_to_reduced_photos(name, orientation
         assert ("EXIF orientation applied" in photo.notes) == (orientation != 1 and name != "AVIF")
 
 
-def exif_of(kind: int, count: int, value: bytes) -> bytes:
-    """EXIF data with an orientation of any type."""
-    return b"II*\0\x08\0\0\0\x01\0" + struct.pack("<HHI4s", 0x0112, kind, count, value) + bytes(4)
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(
-    "exif",
-    [
-        exif_of(3, 1, b"\x09\0"), exif_of(2, 2, b"6\0"), exif_of(99, 1, b"\x06\0"), b"nonsense",
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize("name", ["JPEG", "PNG", "WEBP"])
-def test_orientation_that_is_none_turns_nothing(name, exif):
-    picture = Image.fromarray(np.kron(STORED, np.ones((16, 16), np.uint8)))
-    options = {"lossless": True} if name == "WEBP" else {}
-    photo = load_image(encoded(picture, name, exif=b"Exif\0\0" + exif, **options))
-    np.testing.assert_allclose(photo.pixels[8::16, 8::16, 0] * 255, STORED, atol=1)
-
-
 @pytest.mark.parametrize("name", ["TIFF", "GIF", "WEBP", "PNG", "AVIF"])
 def test_first_of_several_frames_is_taken_and_noted(name):
     frames = [Image.new("RGB", (16, 16), (level, level, level)) for level in (200, 100, 0)]
@@ -245,10 +221,3 @@ def test_resolution_is_that_of_the_tag_as_the_photo_is_turned(name):
     file = encoded(Image.fromarray(BYTES), "JPEG" if by_exif else name, **options)
     expected = (150, 300) if name == "turned" else (300, 150)
     assert load_image(file).dpi == pytest.approx(expected, rel=1e-4)
-
-
-def test_density_of_a_jpeg_is_by_centimetres_and_none_in_no_unit():
-    jpeg = encoded(Image.fromarray(BYTES), "JPEG")
-    place = jpeg.index(b"JFIF") + 7
-    for density, dpi in ((b"\0\0\6\0\2", None), (b"\2\0\x32\0\x32", (127, 127))):
-        assert load_image(jpeg[:place] + density + jpeg[place + 5 :]).dpi == dpi

@@ -3,7 +3,6 @@
 import os
 import struct
 import zlib
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -144,15 +143,3 @@ def test_libraries_add_no_lines_to_ours_and_files_cannot_steer_the_terminal(
         err = capfd.readouterr().err
         assert err.count("\n") == 1
         assert err.removesuffix("\n").isprintable()
-
-
-def test_cut_photos_are_refused_by_threads_that_load_at_once():
-    whole = encoded(Image.effect_noise((400, 300), 60).convert("RGB"), "JPEG")
-    cut = whole[: len(whole) // 2]
-
-    def load(_):
-        with pytest.raises(InputError):
-            load_image(cut)
-
-    with ThreadPoolExecutor(4) as threads:
-        list(threads.map(load, range(24)))

@@ -10,12 +10,7 @@ from scipy.integrate import quad
 from gauss2svg.render.cpu import render_planar, splats_of, squared_error
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import PLAIN, Scene
-from gauss2svg.scene.falloff import (
-    coverage,
-    covered_radius,
-    cut_radius,
-    profile,
-)
+from gauss2svg.scene.falloff import coverage, covered_radius, cut_radius, profile
 
 WIDTH, HEIGHT = 45, 34
 OFF = {np.float32: 2e-6, np.float64: 1e-13}
