@@ -64,7 +64,7 @@ def test_loss_gradient_is_that_of_finite_differences(loss, size, focused):
 @pytest.mark.parametrize("loss", ["mse", own_loss])
 def test_squared_error_has_no_weights_but_the_default_has(loss):
     _, planar = planes(30, 40)
-    scene, target = random_scene(40, 30, 9), Target(np.moveaxis(planar, 0, -1), "psnr", np.float64)
+    scene, target = random_scene(40, 30, 9), Target(np.moveaxis(planar, 0, -1), "psnr")
     splats = splats_of(scene)
     evaluated = target.evaluate(splats, loss, None)
     [image] = evaluated.rendered
