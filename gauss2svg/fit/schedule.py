@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 # Number of rounds of growth. Any number from 4 to 20 gives the same PSNR to within 0.1 dB
 # (docs/decisions/fit.md).
@@ -20,6 +21,9 @@ GROWTH_SHARE = 0.3  # progress at which all Gaussians have been added (docs/deci
 # (docs/decisions/fit.md).
 DECAY_START = 0.75
 FULL_FROM = 0.55  # progress from which targets have their full size (docs/decisions/few.md)
+# Mean squared error (50 dB) up to which no step counts as diverged, and no Gaussian is relocated
+# (docs/decisions/divergence.md).
+NEGLIGIBLE = 1e-5
 
 
 def totals(
@@ -222,3 +226,73 @@ class Clock:
             return 0.0
         whole = deadline - self._started_s - since_s
         return (self.elapsed_s - since_s) / whole if whole > 0 else 1.0
+
+
+class DivergenceGuard:
+    """A guard that keeps a fit's best state, and lowers the learning rate if the fit diverges.
+
+    A fit has diverged if its loss is not finite, or is twice the least loss since the latest of
+    three events: a reset, a relocation, or a rollback (docs/decisions/divergence.md).
+
+    learning_rate  FitOptions.learning_rate
+    rate           factor, at most 1, by which learning_rate is multiplied at present
+    rollbacks      number of rollbacks so far
+    best           copy of the state with the least loss since the last reset. It is None until a
+                   step after the reset has been accepted
+    least          loss of the state `best`
+    """
+
+    def __init__(self, learning_rate: float = 1.0) -> None:
+        # With this rate, steps are as large as with the default learning_rate.
+        self._default_rate = min(1 / learning_rate, 1.0)
+        self.rate = self._ceiling = 1.0
+        self.rollbacks = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the best state, because the problem has changed. Double the ceiling of the rate.
+
+        But the ceiling never rises above the rate that gives steps of the same size as the default
+        learning_rate gives.
+        """
+        self._ceiling = max(self._ceiling, min(self._ceiling * 2, self._default_rate))
+        self.best: Any = None
+        self.least = self._recent_least = math.inf
+
+    def begin_gently(self) -> None:
+        """Lower the rate to at most a quarter of its ceiling.
+
+        The drawing is nearly exact already, so full steps would spoil it. The next steps raise the
+        rate again.
+        """
+        self.rate = min(self.rate, 0.25 * self._ceiling)
+
+    def allow_rise(self) -> None:
+        """Forget the recent least loss, because a relocation may raise the loss for a while."""
+        self._recent_least = math.inf
+
+    def observe(self, loss: float, error: float, backup: Callable[[], Any]) -> bool:
+        """Take note of the loss and mean squared error of a step, and return whether it is sound.
+
+        A step is not sound if the fit has diverged. If the step is sound, raise the rate. If its
+        loss is also the least so far, keep the copy of the state that backup() returns.
+        """
+        if not math.isfinite(loss) or (error > NEGLIGIBLE and loss > 2 * self._recent_least):
+            return False
+        self._recent_least = min(self._recent_least, loss)
+        self.rate = min(self.rate * 1.1, self._ceiling)
+        if loss < self.least:
+            self.best, self.least = backup(), loss
+        return True
+
+    def roll_back(self) -> None:
+        """Count a rollback, and lower the rate and its ceiling.
+
+        From half of the ceiling the rate grows to it, so one bad step among many good ones costs
+        little. A rate above the default rate falls to it.
+        """
+        self.rollbacks += 1
+        is_large = self.rate > self._default_rate
+        self._ceiling = self._default_rate if is_large else self.rate / 2
+        self.rate = self._ceiling / 2
+        self._recent_least = math.inf

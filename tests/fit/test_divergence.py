@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from flat import fit_config, session_of, vectorize
 
-from gauss2svg.fit.session import DivergenceGuard, fit
+from gauss2svg.fit.schedule import DivergenceGuard
+from gauss2svg.fit.session import fit
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.scene import BLENDS
