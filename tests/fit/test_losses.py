@@ -11,7 +11,6 @@ from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import fit
 from gauss2svg.fit.target import Target, image_gradient, structural_similarity
 from gauss2svg.render.cpu import moments_of_gradient, splats_of
-from gauss2svg.scene import Scene
 
 
 def planes(height: int, width: int, dtype: type = np.float64, channels: int = 3):
@@ -104,13 +103,6 @@ def half_flat(cell=4) -> np.ndarray:
     return chequered(64, 64, np.where(np.arange(64) < 32, 0.0, 0.4), cell)
 
 
-def spots(x, y, size=64, **more) -> Scene:
-    """Grey Gaussians at (x, y) on white."""
-    n = len(x)
-    given = {"sigma": np.full((n, 2), 3.0), "color": np.full((n, 3), 0.5), **more}
-    return Scene(size, size, np.column_stack([x, y]), rho=[0] * n, opacity=[0.9] * n, **given)
-
-
 def population(pixels, scene=None, **given) -> Population:
     """That of a fit to pixels, with the Gaussians of a scene."""
     found = Population(Target(pixels, given.get("tune", "perceptual")), fit_config(40, **given))
@@ -160,24 +152,3 @@ def test_gaussians_are_pruned_by_the_decibels_of_the_weighted_error(tune):
     fitted.prune(least)
     np.testing.assert_array_equal(fitted.state.mean, whole.mean[gains > least])
     assert 0 < len(fitted) < 40
-
-
-@pytest.mark.parametrize("factor", [2, 4])
-def test_moments_of_a_reduced_refinement_are_those_of_its_own_gradients(factor):
-    x = np.mgrid[:64, :64][1] / 64
-    pixels = np.stack([x, 1 - x, 0 * x], axis=-1).astype(np.float32)  # of one luma: of one weight
-    fitted = population(pixels, spots([20, 40], [30, 36], sigma=np.full((2, 2), 9.0)))
-
-    def gradient() -> np.ndarray:
-        return fitted.target.evaluate(fitted.splats(), "mse", None).moments
-
-    full = gradient()
-    fitted.state.adam_m, fitted.state.adam_v = full, np.square(full)
-    fitted.reduce_to(factor, scale_moments=True)
-    reduced = gradient()
-    scale = np.abs(reduced).max()
-    np.testing.assert_allclose(fitted.state.adam_m, reduced, atol=0.05 * scale)
-    np.testing.assert_allclose(fitted.state.adam_v, reduced**2, atol=0.05 * scale**2)
-    fitted.reduce_to(1, scale_moments=True)
-    np.testing.assert_allclose(fitted.state.adam_m, full)
-    np.testing.assert_allclose(fitted.state.adam_v, full**2)

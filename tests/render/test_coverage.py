@@ -70,16 +70,6 @@ def test_coverage_is_what_many_samples_of_a_pixel_say(seed):
     assert np.abs(covered - sampled).mean() < 0.004
 
 
-def test_no_pixel_is_covered_by_more_than_a_thin_ellipse_has():
-    minor = 0.2
-    radius = covered_radius(np.array([60.0]))[0]
-    size = np.array([[12.0, minor / radius]])
-    scene = ellipses(1, 0, mean=np.full((1, 2), 20.5), sigma=size, rho=np.zeros(1), beta=[60.0])
-    assert shares(scene, 0)[20, 20] == pytest.approx(2 * minor)
-    disc = scene.replace(sigma=np.full((1, 2), minor / radius))
-    assert shares(disc, 0)[20, 20] == pytest.approx(np.pi * minor**2)
-
-
 @in_both
 def test_gradient_is_that_of_differences(dtype):
     """By means, colours and opacities; that by the shape counts the pixel's slope as constant."""
