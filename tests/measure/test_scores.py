@@ -1,5 +1,6 @@
 """Properties of the scores: known answers, slow twins, what is not measured and why."""
 
+import dataclasses
 import math
 import sys
 
@@ -10,9 +11,11 @@ from skimage import data
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.measure import SSIMULACRA2, metrics
+from gauss2svg.measure import PSNR, SSIMULACRA2, metrics
 from gauss2svg.measure import perceptual as module
-from gauss2svg.measure.perceptual import packages_missing, perceptual_scores, ssimulacra2
+from gauss2svg.measure.perceptual import packages_missing, perceptual_scores
+from gauss2svg.measure.roundtrip import score_of
+from gauss2svg.photo.pixels import views
 
 RNG = np.random.default_rng(1)
 A = RNG.random((30, 40, 3)).astype(np.float32)
@@ -140,15 +143,13 @@ def test_scores_are_those_of_the_packages(wide, tmp_path):
     assert found.flip == pytest.approx(evaluate(*rounded, "LDR")[1], abs=1e-6)
 
 
-@pytest.mark.sweep
-def test_transparent_pictures_have_the_worse_of_white_and_black(wide):
-    from flip_evaluator import evaluate
-
-    alpha = np.full((*wide.shape[:2], 1), 0.5, np.float32)
-    both = perceptual_scores(np.dstack([noisy(wide, 0.1), alpha]), np.dstack([wide, alpha]))
-    over = [[0.5 * p + np.float32(0.5 * side) for p in (wide, noisy(wide, 0.1))] for side in (0, 1)]
-    assert both.ssimulacra2 == pytest.approx(min(ssimulacra2(*one[::-1]) for one in over), abs=1e-3)
-    assert both.flip == pytest.approx(max(evaluate(*one, "LDR")[1] for one in over), abs=1e-4)
+@pytest.mark.parametrize("lower_wins", [False, True])
+def test_transparent_pictures_have_the_worse_of_white_and_black(lower_wins):
+    score = dataclasses.replace(PSNR, slug="largest_error", lower_wins=lower_wins)
+    pictures = [np.dstack([one, alpha * one[:, :, 0]]) for one, alpha in ((A, 1), (B, 0.3))]
+    both = [metrics.largest_error(*pair) for pair in zip(*map(views, pictures), strict=True)]
+    assert both[0] != both[1]
+    assert score_of(score, *pictures) == (max if lower_wins else min)(both)
 
 
 def test_pictures_too_large_for_the_memory_and_failing_processes_have_a_reason(wide, monkeypatch):
