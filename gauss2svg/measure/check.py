@@ -263,12 +263,13 @@ def _is_svg(source: ImageSource | SvgSource) -> bool:
     Bytes and text are judged by how they begin, and paths by their suffix. A binary file counts as
     a picture.
     """
-    if isinstance(source, bytes):
-        return source.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
-    if not isinstance(source, (str, os.PathLike)):
+    data = source
+    if isinstance(source, (str, os.PathLike)):
+        data = os.fsdecode(source).encode(errors="replace")
+    if not isinstance(data, bytes):
         return False
-    name = os.fsdecode(source)
-    return name.lstrip(BLANKS).startswith("<") or name.lower().endswith((".svg", ".svgz"))
+    is_text = data.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
+    return is_text or data.lower().endswith((b".svg", b".svgz"))
 
 
 def sized_svg(
