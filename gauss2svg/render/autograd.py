@@ -89,7 +89,8 @@ class _FastRender(torch.autograd.Function):
             # The light that all shapes together let through is the render of black ones on white.
             black = splats.opacity_color * [1.0, 0.0, 0.0, 0.0]
             black = splats._replace(opacity_color=black, background=np.ones(3), ground=None)
-            through = render_planar(black, *planar.shape[1:], ctx.real)
+            _, height, width = planar.shape
+            through = render_planar(black, height, width, ctx.real)
             behind = behind * torch.from_numpy(through).movedim(0, -1)
         gradients = (
             *_by_shape(moments[:, :5], sigma.double(), rho.double()), moments[:, 6:9],
