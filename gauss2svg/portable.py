@@ -19,7 +19,6 @@ _EACH = {
     for name in ("exp", "log", "cos", "sin", "power", "arctan2")
 }
 _MULTIPLY = Kernel("multiply", "int int int float64 float64 float64")
-_SQUARE = Kernel("square_often", "int int float64 float64")
 _SOLVE = Kernel("solve", "int int float64 float64")
 _LN2, _LN10 = 0.6931471805599453, 2.302585092994046
 _SQUARINGS = 12  # eigenvalues to the power of 2^12 leave only the largest one
@@ -135,6 +134,8 @@ def least_squares(basis: Any, values: Any) -> Any:
 def main_axis(rows: Any) -> Any:
     """Return the unit vector (d,) along which the rows (n, d) vary most from 0."""
     spread = product(rows.T, rows) + 1e-300 * np.eye(rows.shape[1])
-    _SQUARE(_SQUARINGS, len(spread), spread, np.empty_like(spread))
+    for _ in range(_SQUARINGS):
+        spread /= np.trace(spread)  # so that powers do not grow
+        spread = product(spread, spread)
     axis = spread[spread.diagonal().argmax()]
     return axis / np.sqrt(dot(axis, axis))

@@ -6,7 +6,6 @@ These functions seldom need to import SciPy, and the import takes a third of a s
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -31,42 +30,27 @@ def smoothed(
     The result has the dtype of the plane.
     """
     weights = _weights(float(sigma), int(truncate * float(sigma) + 0.5))
-    plane = np.asarray(plane)
-    down = np.empty_like(plane, order="C")
-    height, width = plane.shape[:2]
-    radius = len(weights) - 1
-    rows, columns = mirrored(height, radius), mirrored(width, radius)
-    step = max(1, _BAND_VALUES // max(width, 1))
-    for top in range(0, height, step):
-        count = min(step, height - top)
-        lines = plane[rows[top : top + count + 2 * radius]].astype(np.float64)
-        down[top : top + count] = _summed(
-            weights, lambda j, lines=lines, count=count: lines[radius + j : radius + j + count]
-        )
-    across = np.empty_like(down)
-    for top in range(0, height, step):
-        lines = down[top : top + step].astype(np.float64)[:, columns]
-        across[top : top + step] = _summed(
-            weights, lambda j, lines=lines: lines[:, radius + j : radius + j + width]
-        )
-    return across
+    for _ in range(2):
+        plane = np.swapaxes(_smoothed_down(np.ascontiguousarray(plane), weights), 0, 1)
+    return np.ascontiguousarray(plane)
 
 
-def _summed(
-    weights: tuple[float, ...], shifted: Callable[[int], NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """Return a weighted sum of shifted copies of an array.
-
-    `shifted(j)` returns the copy that is shifted by j. The sum is shifted(0) * weights[0] plus, for
-    each j >= 1, (shifted(-j) + shifted(j)) * weights[j].
-    """
-    total = shifted(0) * weights[0]
-    pair = np.empty_like(total)
-    for j in range(len(weights) - 1, 0, -1):
-        np.add(shifted(-j), shifted(j), out=pair)
-        pair *= weights[j]
-        total += pair
-    return total
+def _smoothed_down(plane: NDArray[np.floating], weights: tuple[float, ...]) -> NDArray[np.floating]:
+    """Return a plane (h, w, ...) whose columns are smoothed. `weights` is half of the window."""
+    smooth, radius = np.empty_like(plane), len(weights) - 1
+    rows = mirrored(len(plane), radius)
+    step = max(1, _BAND_VALUES // max(plane.shape[1], 1))
+    for top in range(0, len(plane), step):
+        lines = plane[rows[top : top + step + 2 * radius]].astype(np.float64)
+        count = len(lines) - 2 * radius
+        total = lines[radius : radius + count] * weights[0]
+        pair = np.empty_like(total)
+        for j in range(radius, 0, -1):
+            np.add(lines[radius - j :][:count], lines[radius + j :][:count], out=pair)
+            pair *= weights[j]
+            total += pair
+        smooth[top : top + count] = total
+    return smooth
 
 
 @lru_cache(maxsize=16)

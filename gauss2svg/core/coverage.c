@@ -21,33 +21,19 @@ static const double STEEPEST = 1e30;   /* an edge with a larger ratio of x to y 
 enum { BUTT, ROUND, SQUARE };          /* caps. Joins of round ends are round, others are mitred */
 
 /* Add to a row the change of the winding number along an edge that runs from left to right px
-within it, and has the height `delta`.
-
-The part of each pixel that lies right of the edge is a trapezium. Its area, as a function of the
-column, has the constant second difference 1 / (right - left). */
+within it, and has the height `delta`. The part of each pixel right of the edge is a trapezium. */
 static void add_to_row(double *row, double left, double right, double delta) {
-    const int64_t first = (int64_t)left, last = (int64_t)ceil(right);
-    if (last <= first + 1) {
-        const double share = 0.5 * (left + right) - (double)first;
-        row[first] += delta * (1.0 - share);
-        row[first + 1] += delta * share;
-        return;
-    }
-    const double step = 1.0 / (right - left), into = 1.0 - (left - (double)first);
-    const double beyond = right - (double)last + 1.0;
-    const double start = 0.5 * step * into * into, end = 0.5 * step * beyond * beyond;
-    row[first] += delta * start;
-    if (last == first + 2) {
-        row[first + 1] += delta * (1.0 - start - end);
-    } else {
-        const double second = step * (1.0 + into - 0.5) - start;
-        row[first + 1] += delta * second;
-        for (int64_t x = first + 2; x < last - 1; x++)
-            row[x] += delta * step;
-        const double before = start + second + (double)(last - first - 3) * step;
-        row[last - 1] += delta * (1.0 - before - end);
-    }
-    row[last] += delta * end;
+    const double width = right - left;
+    double from = left, to;
+    int64_t x = (int64_t)left;
+    do {
+        to = min(right, (double)x + 1.0);
+        const double share = 0.5 * (from + to) - (double)x;
+        const double part = width > 0.0 ? delta * ((to - from) / width) : delta;
+        row[x] += part * (1.0 - share);
+        row[++x] += part * share;
+        from = to;
+    } while (to < right);
 }
 
 /* Add the edge from a to b. */

@@ -31,21 +31,6 @@ API int64_t multiply(
     return n;
 }
 
-/* Replace the symmetric matrix a (n, n) by its power 2^times, divided by a number that keeps it from
-growing. `buffer` has n n numbers. */
-API int64_t square_often(int64_t times, int64_t n, double *a, double *buffer) {
-    for (; times > 0; times--) {
-        double trace = 0.0;
-        for (int64_t i = 0; i < n; i++)
-            trace += a[i * n + i];
-        for (int64_t i = 0; i < n * n; i++)
-            a[i] /= trace;
-        multiply(n, n, n, a, a, buffer);
-        memcpy(a, buffer, n * n * sizeof *a);
-    }
-    return n;
-}
-
 /* Return whether the matrix a (n, n) is regular, and replace b (n, m) by x with a x = b. This is
 Gaussian elimination with row pivots, and changes a. */
 API int64_t solve(int64_t n, int64_t m, double *a, double *b) {

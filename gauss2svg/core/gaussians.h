@@ -237,9 +237,9 @@ INLINE void backpropagate(Tile tile, bool additive, int64_t filled, const REAL *
         const REAL beta = pair.has_power ? (REAL)pair.shape[5] : (REAL)1;
         sum_h *= beta;
         sum_hz *= beta;
-        const lanes sums[LANES] = {sum_h * z1, sum_hz, sum_h * z1 * z1, sum_hz * z1, sum_hzz * beta,
+        const lanes sums[MOMENTS] = {sum_h * z1, sum_hz, sum_h * z1 * z1, sum_hz * z1, sum_hzz * beta,
             sum_alpha, s0, s1, s2, (REAL)0.5 * sum_beta};
-        const lanes sum = totals(sums);
+        const lanes sum = totals(sums, MOMENTS);
         memcpy(moments[tile.order[k]], &sum, sizeof *moments);
     }
 }
@@ -277,7 +277,7 @@ INLINE void remove_each(Tile tile, bool additive, int64_t filled, const REAL *er
                 change += by * (d * (d + e + e));
             }
         }
-        const lanes sums = totals((lanes[LANES]){change, mass});
+        const lanes sums = totals((lanes[]){change, mass}, 2);
         memcpy(cost[p], &sums, sizeof cost[p]);
     }
 }
@@ -358,7 +358,7 @@ API void SUFFIXED(walk_tiles)(int64_t additive, int64_t mode, int64_t first_tile
                 }
             }
         }
-        loss[t] = totals((lanes[LANES]){squares})[0];
+        loss[t] = totals(&squares, 1)[0];
         if (mode == SQUARED_ERROR || mode == GIVEN_GRADIENT) {
             for (int j = 0; j < PLANE; j += LANES)
                 store(behind + j, load(gradient + j) * load(below + j) +

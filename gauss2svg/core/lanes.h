@@ -44,30 +44,17 @@ INLINE lanes roots(lanes v) {
 }
 
 /* Return in lane k the sum of the lanes of v[k], for which one half is added to the other, and so
-on. Two vectors of halves share one vector, so that this takes 15 additions and not 64. */
-INLINE lanes totals(const lanes v[LANES]) {
-    lanes a[8], b[4], c[2];
-    for (int k = 0; k < 8; k++) { /* slot 4 m + l has v[4 l + m] */
-        const lanes s = v[k % 2 * 8 + k / 2], t = v[k % 2 * 8 + k / 2 + 4];
-        a[k] =
-            __builtin_shufflevector(s, t, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23) +
-            __builtin_shufflevector(
-                s, t, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31);
+on. The other lanes are 0. */
+INLINE lanes totals(const lanes *v, int count) {
+    lanes sums = {0};
+    for (int k = 0; k < count; k++) {
+        lanes sum = v[k];
+        for (int half = LANES / 2; half > 0; half /= 2)
+            for (int i = 0; i < half; i++)
+                sum[i] += sum[i + half];
+        sums[k] = sum[0];
     }
-    for (int k = 0; k < 4; k++)
-        b[k] = __builtin_shufflevector(a[2 * k], a[2 * k + 1], 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18,
-                   19, 24, 25, 26, 27) +
-               __builtin_shufflevector(a[2 * k], a[2 * k + 1], 4, 5, 6, 7, 12, 13, 14, 15, 20, 21,
-                   22, 23, 28, 29, 30, 31);
-    for (int k = 0; k < 2; k++)
-        c[k] = __builtin_shufflevector(b[2 * k], b[2 * k + 1], 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24,
-                   25, 12, 13, 28, 29) +
-               __builtin_shufflevector(b[2 * k], b[2 * k + 1], 2, 3, 18, 19, 6, 7, 22, 23, 10, 11,
-                   26, 27, 14, 15, 30, 31);
-    return __builtin_shufflevector(
-               c[0], c[1], 0, 2, 16, 18, 4, 6, 20, 22, 8, 10, 24, 26, 12, 14, 28, 30) +
-           __builtin_shufflevector(
-               c[0], c[1], 1, 3, 17, 19, 5, 7, 21, 23, 9, 11, 25, 27, 13, 15, 29, 31);
+    return sums;
 }
 
 /* Return 1 + c[0] u + c[1] u^2 + .. by Horner's rule. */

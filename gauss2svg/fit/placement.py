@@ -6,7 +6,7 @@ third of a second (docs/decisions/start.md).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,16 +128,19 @@ class _Placer:
         component.
         """
         squares = None if self._target.has_ground else np.square(self._residual).sum(axis=0)
-        parts = self._components(count, 8 if squares is None else 4, squares)
-        sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_NEW_SIGMA)
-        xx, xy, yy = parts.moments
+        area, center, (xx, xy, yy), color = self._components(
+            count, 8 if squares is None else 4, squares
+        )
+        sigma = np.maximum(0.5 * np.sqrt(area / np.pi), LEAST_NEW_SIGMA)
         spread = portable.hypot(xx - yy, 2 * xy)
         aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 1 / 6))
         stretch = np.sqrt(np.minimum(aspect, 6.0))
         angle_rad = 0.5 * portable.arctan2(2 * xy, xx - yy)
-        minor = np.maximum(sigma / stretch, 0.6)
-        factor = _oriented(sigma * stretch, minor, angle_rad)
-        return NewGaussians(parts.center + 0.5, factor, parts.color)
+        major, minor = sigma * stretch, np.maximum(sigma / stretch, 0.6)
+        co, si = portable.cos(angle_rad), portable.sin(angle_rad)
+        l11 = portable.hypot(co * major, si * minor)
+        l21 = co * si * (np.square(major) - np.square(minor)) / l11
+        return NewGaussians(center + 0.5, np.stack([l11, l21, major * minor / l11], axis=1), color)
 
     def as_in_live(self, count: int) -> NewGaussians:
         """Return up to `count` Gaussians, one on each of the largest components, as in the paper.
@@ -145,13 +148,13 @@ class _Placer:
         On a component of area A px^2, a Gaussian has sigma = sqrt(A / 7) px, rho = 0, and the
         colour at the centre of mass.
         """
-        parts = self._components(count)
+        area, center, _, _ = self._components(count)
         # In the paper, sigma is sqrt(A / (r s^2)) with r = 0.07, in units of s / 10 px. Times
         # s / 10, this is sqrt(A / (r 10^2)) px, so s cancels.
-        sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_NEW_SIGMA)
-        x, y = np.round(parts.center).astype(np.intp).T
+        sigma = np.maximum(np.sqrt(area / (0.07 * 10**2)), LEAST_NEW_SIGMA)
+        x, y = np.round(center).astype(np.intp).T
         factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
-        return NewGaussians(parts.center + 0.5, factor, self._color_at(x, y))
+        return NewGaussians(center + 0.5, factor, self._color_at(x, y))
 
     def at_random(self, count: int) -> NewGaussians:
         """Return Gaussians on random visible pixels.
@@ -176,11 +179,15 @@ class _Placer:
 
     def _components(
         self, count: int, bins: int = 8, weight: NDArray[np.floating] | None = None
-    ) -> _Components:
-        """Return the `count` heaviest components, or fewer if there are not so many.
+    ) -> tuple[Any, ...]:
+        """Return the k <= `count` heaviest components, the heaviest first, as four arrays.
 
         bins    number of bins into which residuals are quantised
         weight  (h, w) weight of each pixel. If it is None, each pixel weighs 1
+
+        The arrays are the areas (k,) in px^2, the mean columns and rows (k, 2) of their pixels,
+        the central second moments xx, xy and yy (3, k) in px^2, and the mean colours (k, 3). Pixels
+        count as squares and not as points, so no component is infinitely thin.
 
         The absolute residual of each pixel is summed over the channels. Pixels with sums below a
         fifth of the largest belong to no component. The sums of the other pixels are sorted into
@@ -210,38 +217,7 @@ class _Placer:
         # 1 / 12 is the variance of x within a pixel.
         xx, yy = means(x * x) - mx * mx + 1 / 12, means(y * y) - my * my + 1 / 12
         color = np.stack([means(plane[y, x]) for plane in self._color], axis=1)
-        moments = xx, means(x * y) - mx * my, yy
-        return _Components(area, np.stack([mx, my], axis=1), moments, color)
-
-
-class _Components(NamedTuple):
-    """k components of a picture, sorted from the heaviest to the lightest.
-
-    area     (k,) areas in px^2
-    center   (k, 2) mean column and mean row of the pixels
-    moments  central second moments xx, xy, yy (k,) in px^2. Pixels count as squares and not as
-             points, so no component is infinitely thin
-    color    (k, 3) mean colours
-    """
-
-    area: NDArray[np.intp]
-    center: NDArray[np.float64]
-    moments: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-    color: NDArray[np.float64]
-
-
-def _oriented(
-    major: NDArray[np.floating], minor: NDArray[np.floating], angle_rad: NDArray[np.floating]
-) -> NDArray[np.float64]:
-    """Return the Cholesky factors (n, 3) of ellipses.
-
-    An ellipse is described by its semi-axes (n,) and the direction (n,) of the major semi-axis.
-    """
-    angle_rad = angle_rad.astype(np.float64)
-    co, si = portable.cos(angle_rad), portable.sin(angle_rad)
-    l11 = portable.hypot(co * major, si * minor)
-    l21 = co * si * (np.square(major) - np.square(minor)) / l11
-    return np.stack([l11, l21, major * minor / l11], axis=1).astype(np.float64)
+        return area, np.stack([mx, my], axis=1), (xx, means(x * y) - mx * my, yy), color
 
 
 _number_components = Kernel("number_components", "int int int32 int64 int64")

@@ -69,27 +69,23 @@ class Population:
         self.shared: NDArray[np.intp] | None = None
         self.round_index = 0
         self.rng = np.random.default_rng(config.fit.seed)
-        self._photo = self._whole = photo
-        pixels = photo.pixels
+        self._photo = self.target = photo
+        pixels, self._least_sigma = photo.pixels, LEAST_FITTED_SIGMA
+        # The background is rounded to 8 bits, because it is rounded in the file too. So the fit can
+        # make up for the rounding error.
+        self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
         self.inks: InkColors | None = None
         if config.fit.inks is not None:
             inks: Any = config.fit.inks  # already checked by check_inks
             self.inks = InkColors(ink_colors(inks_of(pixels, inks)))
             tune, transform = config.fit.tuned, self.inks.inked
-            self._whole = Target(pixels, tune, transform=transform, mask=photo.mask)
-        self.reduction = 1
-        self.target = self._whole
-        # The background is rounded to 8 bits, because it is rounded in the file too. So the fit can
-        # make up for the rounding error.
-        self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
+            self.target = Target(pixels, tune, transform=transform, mask=photo.mask)
+            self.background = self.inks.background(self.target)
         if has_alpha(pixels):
             # The file of a picture with alpha has no background. But every scene must have one, so
             # it is white.
             self.background = np.ones(3)
-        elif self.inks is not None:
-            self.background = self.inks.background(self.target)
-        self._ground = self._photo.ground
-        self._least_sigma = LEAST_FITTED_SIGMA
+        self._whole, self.reduction, self._ground = self.target, 1, photo.ground
         if self._ground is not None:
             self.background = self._ground.background
             self._least_sigma = LEAST_SIGMA_ABOVE_AREAS

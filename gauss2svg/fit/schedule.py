@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 # Number of rounds of growth. Any number from 4 to 20 gives the same PSNR to within 0.1 dB
 # (docs/decisions/fit.md).
@@ -20,6 +21,9 @@ GROWTH_SHARE = 0.3  # progress at which all Gaussians have been added (docs/deci
 # (docs/decisions/fit.md).
 DECAY_START = 0.75
 FULL_FROM = 0.55  # progress from which targets have their full size (docs/decisions/few.md)
+# Mean squared error (50 dB) up to which no step counts as diverged, and no Gaussian is relocated
+# (docs/decisions/divergence.md).
+NEGLIGIBLE = 1e-5
 
 
 def totals(
@@ -120,7 +124,8 @@ class Clock:
                       must end, or None if no time limits the fit
     round_iterations  number of steps in each round. If it is None, the rounds share the first
                       GROWTH_SHARE of the iterations equally
-    stop              function that is called at every step. The fit ends when it returns True
+    stop              function that is called at every step. The fit ends when it returns True, and
+                      it must return True from then on
     """
 
     def __init__(
@@ -131,13 +136,10 @@ class Clock:
         round_iterations: int | None = None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        self.iterations = iterations
-        self.iteration = 0
-        self.out_of_time = False
+        self.iterations, self.iteration, self.out_of_time = iterations, 0, False
         self._rounds, self._round_iterations = max(rounds, 1), round_iterations
-        self._deadline, self._paused_s = deadline, 0.0
-        self._stop, self._stopped = stop, False
-        self._started_s = time.perf_counter()
+        self._deadline, self.stopped = deadline, stop
+        self._started_s, self._paused_s = time.perf_counter(), 0.0
         self.begin_refinement(None, 0.0)
 
     @property
@@ -149,12 +151,6 @@ class Clock:
         """
         return time.perf_counter() - self._started_s - self._paused_s
 
-    @property
-    def stopped(self) -> bool:
-        """Whether the caller has asked the fit to stop."""
-        self._stopped = self._stopped or self._stop()
-        return self._stopped
-
     def round_is_over(self, index: int) -> bool:
         """Return whether round `index` (0, 1, ...) of growth has used up its steps or its time."""
         # If only the time limits the fit, the time that 30 steps a round leave is of more use in
@@ -162,13 +158,8 @@ class Clock:
         steps = (self._round_iterations or 30) * (index + 1)
         if self._round_iterations is None and self.iterations is not None:
             steps = int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds
-        late = self._share_of_time(0.0) >= GROWTH_SHARE * (index + 1) / self._rounds
-        return self.iteration >= steps or late or self.stopped
-
-    @property
-    def growth_is_late(self) -> bool:
-        """Whether growth has used up its share of the time."""
-        return self._share_of_time(0.0) >= GROWTH_SHARE
+        late = self.share_of_time() >= GROWTH_SHARE * (index + 1) / self._rounds
+        return self.iteration >= steps or late or self.stopped()
 
     def growth_progress(self, index: int) -> float:
         """Return the progress in 0..GROWTH_SHARE at the end of round `index` of growth."""
@@ -205,12 +196,12 @@ class Clock:
         Also set `out_of_time` to whether progress measured by time is larger than progress measured
         by iterations.
         """
-        if self.stopped:
+        if self.stopped():
             return 1.0
         by_steps = 0.0
         if self._steps is not None:
             by_steps = (self.iteration - self._first_step) / self._steps if self._steps else 1.0
-        by_time = self._share_of_time(self._start_s)
+        by_time = self.share_of_time(self._start_s)
         if not self._reduced:
             self.out_of_time = by_time > by_steps
             return self._start + (1 - self._start) * min(max(by_steps, by_time), 1.0)
@@ -225,7 +216,7 @@ class Clock:
         self.out_of_time = seconds > steps
         return min(max(steps, seconds), 1.0)
 
-    def _share_of_time(self, since_s: float) -> float:
+    def share_of_time(self, since_s: float = 0.0) -> float:
         """Return which share of the time from `since_s` to the deadline has passed.
 
         `since_s` is an earlier value of `elapsed_s`. If there is no deadline, the share is 0.
@@ -235,3 +226,73 @@ class Clock:
             return 0.0
         whole = deadline - self._started_s - since_s
         return (self.elapsed_s - since_s) / whole if whole > 0 else 1.0
+
+
+class DivergenceGuard:
+    """A guard that keeps a fit's best state, and lowers the learning rate if the fit diverges.
+
+    A fit has diverged if its loss is not finite, or is twice the least loss since the latest of
+    three events: a reset, a relocation, or a rollback (docs/decisions/divergence.md).
+
+    learning_rate  FitOptions.learning_rate
+    rate           factor, at most 1, by which learning_rate is multiplied at present
+    rollbacks      number of rollbacks so far
+    best           copy of the state with the least loss since the last reset. It is None until a
+                   step after the reset has been accepted
+    least          loss of the state `best`
+    """
+
+    def __init__(self, learning_rate: float = 1.0) -> None:
+        # With this rate, steps are as large as with the default learning_rate.
+        self._default_rate = min(1 / learning_rate, 1.0)
+        self.rate = self._ceiling = 1.0
+        self.rollbacks = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the best state, because the problem has changed. Double the ceiling of the rate.
+
+        But the ceiling never rises above the rate that gives steps of the same size as the default
+        learning_rate gives.
+        """
+        self._ceiling = max(self._ceiling, min(self._ceiling * 2, self._default_rate))
+        self.best: Any = None
+        self.least = self._recent_least = math.inf
+
+    def begin_gently(self) -> None:
+        """Lower the rate to at most a quarter of its ceiling.
+
+        The drawing is nearly exact already, so full steps would spoil it. The next steps raise the
+        rate again.
+        """
+        self.rate = min(self.rate, 0.25 * self._ceiling)
+
+    def allow_rise(self) -> None:
+        """Forget the recent least loss, because a relocation may raise the loss for a while."""
+        self._recent_least = math.inf
+
+    def observe(self, loss: float, error: float, backup: Callable[[], Any]) -> bool:
+        """Take note of the loss and mean squared error of a step, and return whether it is sound.
+
+        A step is not sound if the fit has diverged. If the step is sound, raise the rate. If its
+        loss is also the least so far, keep the copy of the state that backup() returns.
+        """
+        if not math.isfinite(loss) or (error > NEGLIGIBLE and loss > 2 * self._recent_least):
+            return False
+        self._recent_least = min(self._recent_least, loss)
+        self.rate = min(self.rate * 1.1, self._ceiling)
+        if loss < self.least:
+            self.best, self.least = backup(), loss
+        return True
+
+    def roll_back(self) -> None:
+        """Count a rollback, and lower the rate and its ceiling.
+
+        From half of the ceiling the rate grows to it, so one bad step among many good ones costs
+        little. A rate above the default rate falls to it.
+        """
+        self.rollbacks += 1
+        is_large = self.rate > self._default_rate
+        self._ceiling = self._default_rate if is_large else self.rate / 2
+        self.rate = self._ceiling / 2
+        self._recent_least = math.inf

@@ -13,8 +13,7 @@ compared with losses after it. So `FitSession` restores the best state just befo
 and resets its guard just after it.
 
 The constants of this package come from ablations, which are in fit.md, placement.md, palette.md,
-divergence.md and numbers.md of docs/decisions. This file is long, because a fit and all of its
-events are one class.
+divergence.md and numbers.md of docs/decisions.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import itemgetter
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +35,9 @@ from numpy.typing import NDArray
 from gauss2svg.errors import refusal
 from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
 from gauss2svg.fit.population import AsWritten, Population
-from gauss2svg.fit.schedule import Clock
+from gauss2svg.fit.schedule import NEGLIGIBLE, Clock, DivergenceGuard
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import SQUARED_LOSSES, Target
+from gauss2svg.fit.target import Target
 from gauss2svg.photo.pixels import psnr_of
 from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
@@ -63,9 +61,6 @@ STOP_REASONS = (
 )  # fmt: skip
 # Progress in refinement at which a policy may change the number of Gaussians.
 ADJUST_AT = (0.45, 0.55, 0.65)
-# Mean squared error (50 dB) up to which no step counts as diverged, and no Gaussian is relocated
-# (docs/decisions/divergence.md).
-NEGLIGIBLE = 1e-5
 # Progress at which an action of a fit is due, and the action.
 _Event = tuple[float, Callable[[], None]]
 
@@ -129,76 +124,6 @@ class DensificationPolicy:
         It is called before the last steps: before the Gaussians are quantised, and after it.
         """
         return now.count
-
-
-class DivergenceGuard:
-    """A guard that keeps a fit's best state, and lowers the learning rate if the fit diverges.
-
-    A fit has diverged if its loss is not finite, or is twice the least loss since the latest of
-    three events: a reset, a relocation, or a rollback (docs/decisions/divergence.md).
-
-    learning_rate  FitOptions.learning_rate
-    rate           factor, at most 1, by which learning_rate is multiplied at present
-    rollbacks      number of rollbacks so far
-    best           copy of the state with the least loss since the last reset. It is None until a
-                   step after the reset has been accepted
-    least          loss of the state `best`
-    """
-
-    def __init__(self, learning_rate: float = 1.0) -> None:
-        # With this rate, steps are as large as with the default learning_rate.
-        self._default_rate = min(1 / learning_rate, 1.0)
-        self.rate = self._ceiling = 1.0
-        self.rollbacks = 0
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the best state, because the problem has changed. Double the ceiling of the rate.
-
-        But the ceiling never rises above the rate that gives steps of the same size as the default
-        learning_rate gives.
-        """
-        self._ceiling = max(self._ceiling, min(self._ceiling * 2, self._default_rate))
-        self.best: Any = None
-        self.least = self._recent_least = math.inf
-
-    def begin_gently(self) -> None:
-        """Lower the rate to at most a quarter of its ceiling.
-
-        The drawing is nearly exact already, so full steps would spoil it. The next steps raise the
-        rate again.
-        """
-        self.rate = min(self.rate, 0.25 * self._ceiling)
-
-    def allow_rise(self) -> None:
-        """Forget the recent least loss, because a relocation may raise the loss for a while."""
-        self._recent_least = math.inf
-
-    def observe(self, loss: float, error: float, backup: Callable[[], Any]) -> bool:
-        """Take note of the loss and mean squared error of a step, and return whether it is sound.
-
-        A step is not sound if the fit has diverged. If the step is sound, raise the rate. If its
-        loss is also the least so far, keep the copy of the state that backup() returns.
-        """
-        if not math.isfinite(loss) or (error > NEGLIGIBLE and loss > 2 * self._recent_least):
-            return False
-        self._recent_least = min(self._recent_least, loss)
-        self.rate = min(self.rate * 1.1, self._ceiling)
-        if loss < self.least:
-            self.best, self.least = backup(), loss
-        return True
-
-    def roll_back(self) -> None:
-        """Count a rollback, and lower the rate and its ceiling.
-
-        From half of the ceiling the rate grows to it, so one bad step among many good ones costs
-        little. A rate above the default rate falls to it.
-        """
-        self.rollbacks += 1
-        is_large = self.rate > self._default_rate
-        self._ceiling = self._default_rate if is_large else self.rate / 2
-        self.rate = self._ceiling / 2
-        self._recent_least = math.inf
 
 
 class FitSession:
@@ -315,7 +240,7 @@ class FitSession:
             wall_s=self.wall_s,
             cpu_s=self.cpu_s,
             pixel_pairs=self.pixel_pairs,
-            stop_reason="interrupted" if self.clock.stopped else reason,
+            stop_reason="interrupted" if self.clock.stopped() else reason,
             rollbacks=self.guard.rollbacks,
             rate=self.config.fit.learning_rate * self.guard.rate,
         )
@@ -328,11 +253,10 @@ class FitSession:
         population, clock = self.population, self.clock
         for index in itertools.count():
             count = total = len(population)
-            if not clock.stopped:
-                done = clock.growth_progress(index - 1)
-                total = self.policy.grow(
-                    Snapshot(count, done, population.psnr, population.scene, clock.growth_is_late)
-                )
+            if not clock.stopped():
+                self._done = clock.growth_progress(index - 1)
+                is_late = clock.share_of_time() >= schedule.GROWTH_SHARE
+                total = self.policy.grow(self._snapshot(is_late))
             self.guard.reset()
             if total <= count:
                 population.reduce_to(population.reduction_at(schedule.GROWTH_SHARE))
@@ -343,7 +267,7 @@ class FitSession:
             population.densify_or_prune(total)
             while not clock.round_is_over(index):
                 self._step(clock.growth_progress(index))
-            self._restore_best(tolerant=not clock.stopped)
+            self._restore_best(tolerant=not clock.stopped())
 
     def _refine(
         self, steps: int | None, start: float, events: Iterable[_Event], gently: bool = False
@@ -423,8 +347,9 @@ class FitSession:
                     self.prune_to(self.policy.max_count(self._snapshot(), True))
             self._quantized = True
 
-    def _snapshot(self) -> Snapshot:
-        return Snapshot(len(self.state), self._done, self.population.psnr, self.population.scene)
+    def _snapshot(self, is_late: bool = False) -> Snapshot:
+        population = self.population
+        return Snapshot(len(population), self._done, population.psnr, population.scene, is_late)
 
     def _restore_best(self, tolerant: bool = False) -> None:
         """Restore the best state of a stage if its last state is worse.
@@ -435,15 +360,8 @@ class FitSession:
         population, best = self.population, self.guard.best
         if not len(population) or best is None:
             return
-        # Rendering takes a third of the time of `evaluate`, which computes a gradient too. So it is
-        # used in the cases in which both give the same loss.
-        if self.config.fit.loss in SQUARED_LOSSES:
-            error = population.target.error_of(population.rendered())
-            loss = 0.5 * error * population.target.planar.size
-        else:
-            loss = population.evaluate(population.splats()).loss
-        # Sums of the same terms in another order differ slightly.
-        if not loss <= self.guard.least * (1.2 if tolerant else 1 + 1e-6):
+        loss = population.evaluate(population.splats()).loss
+        if not loss <= self.guard.least * (1.2 if tolerant else 1.0):
             population.state = best.copy()
 
     def _step(self, done: float) -> None:

@@ -112,15 +112,15 @@ class State:
     @classmethod
     def of_scene(cls, scene: Scene) -> State:
         """Return the shapes of an alpha-composited scene, with Adam's moments of 0."""
-        raw: dict[str, Any] = {}
-        for parameter, form in STEPPED:
-            # Opacities 0 and 1 have infinite logits. NumPy need not warn, because they are clipped.
-            with np.errstate(divide="ignore"):
-                values = form.inverse(getattr(scene, parameter.name))
-            raw[form.name] = np.clip(values, form.least, form.most)
+        # Opacities 0 and 1 have infinite logits. NumPy need not warn, because they are clipped.
+        with np.errstate(divide="ignore"):
+            raw: dict[str, Any] = {
+                form.name: np.clip(form.inverse(getattr(scene, p.name)), form.least, form.most)
+                for p, form in STEPPED
+            }
         state = cls.of(scene.mean, scene.cholesky, 0, **raw)
-        rounds, drawn = scene.round_index.copy(), scene.drawn.copy()
-        return dataclasses.replace(state, round_index=rounds, drawn=drawn)
+        state.round_index, state.drawn = scene.round_index.copy(), scene.drawn.copy()
+        return state
 
     def __len__(self) -> int:
         return len(self.mean)
@@ -148,20 +148,14 @@ class State:
         factors, `drawn` and the shared parameters. Adam's moments of the shared parameters become
         0.
         """
-        adam_m, adam_v = self.adam_m.copy(), self.adam_v.copy()
-        shared = {}
+        state = self.copy()
+        state.factor, state.drawn = scene.cholesky, scene.drawn.copy()
         for parameter, raw in STEPPED:
             if parameter.shared:
-                adam_m[:, COLUMNS[parameter.name]] = adam_v[:, COLUMNS[parameter.name]] = 0.0
-                shared[raw.name] = raw.inverse(getattr(scene, parameter.name).copy())
-        return dataclasses.replace(
-            self,
-            factor=scene.cholesky,
-            drawn=scene.drawn.copy(),
-            adam_m=adam_m,
-            adam_v=adam_v,
-            **shared,
-        )
+                columns = COLUMNS[parameter.name]
+                state.adam_m[:, columns] = state.adam_v[:, columns] = 0.0
+                setattr(state, raw.name, raw.inverse(getattr(scene, parameter.name).copy()))
+        return state
 
     def scaled(self, scale_x: float, scale_y: float) -> State:
         """Return the state on a working image whose sides are scaled by scale_x and scale_y."""

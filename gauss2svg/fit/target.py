@@ -64,10 +64,10 @@ class LossAndGradient(NamedTuple):
 class Target:
     """An image to fit, with the weight of an error and the direction of edges at each pixel.
 
-    pixels     (h, w, 3) or (h, w, 4) in 0..1
+    pixels     (h, w, 3) or (h, w, 4) in 0..1, float32 or float64. The kernels compute in this
+               dtype. float64 takes twice the time and does not raise the PSNR
+               (docs/decisions/numbers.md)
     tune       value of FitOptions.tune
-    dtype      np.float32 or np.float64, the dtype in which the kernels compute. float64 takes twice
-               the time and does not raise the PSNR (docs/decisions/numbers.md)
     transform  function from `pixels`, perhaps reduced, to the picture that is fitted. If it is
                None, the pixels themselves are fitted
     mask       mask of the parts of the image where detail matters most. If it is None, detail
@@ -84,6 +84,7 @@ class Target:
                   alpha, first over white and then over black
     source_color  (3, h, w) colours for new Gaussians. An invisible pixel has the colour of the
                   nearest visible pixel
+    is_transparent  whether the image has alpha
     visible       (h, w) whether alpha is at least half of 1/255; None if the image is opaque
     focus         (h, w) weight of errors by the mask, of mean 1; None without a mask
     weight        (h, w) weight of the squared error at each pixel: that of pixel_weight, multiplied
@@ -94,20 +95,20 @@ class Target:
         self,
         pixels: NDArray[np.floating],
         tune: str,
-        dtype: Any = np.float32,
         transform: Callable[[NDArray[Any]], NDArray[Any]] | None = None,
         mask: Focus | None = None,
         ground: Scene | None = None,
     ) -> None:
         self.pixels, self.tune, self.mask, self.ground = pixels, tune, mask, ground
         self.height, self.width = pixels.shape[:2]
-        self._arguments = tune, dtype, transform, mask, ground
+        self._arguments = tune, transform, mask, ground
         self._reduced: dict[int, Target] = {}
         fitted = pixels if transform is None else transform(pixels)
-        planar = np.ascontiguousarray(np.moveaxis(fitted, -1, 0), dtype)
+        planar = np.ascontiguousarray(np.moveaxis(fitted, -1, 0))
         color, alpha = planar[:3], planar[3] if has_alpha(fitted) else None
         self._alpha = alpha
         self.visible: NDArray[np.bool_] | None = None
+        self.is_transparent = alpha is not None
         if alpha is None:
             self.planar = self.source_color = color
             self._views: list[tuple[NDArray[np.floating], float | None]] = [(color, None)]
@@ -120,7 +121,7 @@ class Target:
         self.weight = weight = pixel_weight([planar for planar, _ in self._views], tune)
         self.focus: NDArray[np.floating] | None = None
         if mask is not None:
-            self.focus = mask.weight(self.height, self.width).astype(dtype)
+            self.focus = mask.weight(self.height, self.width).astype(planar.dtype)
             self.weight = self.focus * weight
             self.weight *= weight.mean() / self.weight.mean()
         self.has_ground = ground is not None
@@ -128,8 +129,8 @@ class Target:
         if ground is not None:
             from gauss2svg.render.areas import ground_of  # few fits need its kernels
 
-            size = self.height, self.width
-            self._grounds = {b: ground_of(ground, *size, dtype, b) for _, b in self._views}
+            size = self.height, self.width, planar.dtype.type
+            self._grounds = {b: ground_of(ground, *size, b) for _, b in self._views}
 
     def reduced(self, factor: int) -> Target:
         """Return the target at 1 / factor of width and height. Each target is made only once."""
@@ -148,11 +149,6 @@ class Target:
         the larger weights that flat areas have if the target is tuned for PSNR.
         """
         return self.weight if self.tune == PERCEPTUAL else self.focus
-
-    @property
-    def is_transparent(self) -> bool:
-        """Whether the target has alpha."""
-        return self.visible is not None
 
     @property
     def is_blank(self) -> bool:
@@ -269,11 +265,11 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     """
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
-        energy = reduce(add, map(_slope_energy, lumas)) / len(lumas)
+        energy = np.mean([_slope_energy(luma) for luma in lumas], axis=0)
         # A change of 0.02 per px, which is 5 levels of 255, is flat (docs/decisions/metrics.md).
         weight = 1 + 8 * portable.exp(-smoothed(energy, 4.0) / 0.02**2)
     else:
-        variance = reduce(add, map(_local_variance, lumas)) / len(lumas)
+        variance = np.mean([_local_variance(luma) for luma in lumas], axis=0)
         # In texture, the weight falls as the variance to the power -g, with g = 0.5.
         weight = portable.power(1 + np.minimum(variance, MOST_VARIANCE) / CONTRAST**2, -0.5)
         weight /= weight.mean()

@@ -7,7 +7,7 @@ module does not import NumPy, which would make the help slow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pkgutil import resolve_name
@@ -48,17 +48,14 @@ class Score:
 
     slug         short name in file names, addresses and reports, and in the option target_SLUG
     name         name that people read
-    defined_in   module of gauss2svg.measure that defines the function SLUG(raster, photo). Both
-                 pictures are (h, w, 3) float32 in 0..1
     form, unit   number format and unit of the score in tables and tooltips
     least_step   smallest step between two ticks on the axis of a chart
     best         score of two equal pictures. No tick of an axis is beyond it. None: infinite
     title        title of the axis
     about        explanation of the score in galleries
     lower_wins   whether lower values are better. The axis is then upside down
-    always       whether every run measures the score. If False, it is measured on request only
-    module       Python module that must be installed to measure the score, or ""
-    package      package on PyPI that contains this module, or ""
+    package      package on PyPI that must be installed to measure the score, or "". Its module has
+                 the same name with underscores
     least_side   least width and height in px of a picture for which the score can be measured
     pixel_bytes  bytes of memory per pixel that measuring the score takes. The number includes a
                  margin of at least a tenth
@@ -67,7 +64,6 @@ class Score:
 
     slug: str
     name: str
-    defined_in: str
     form: str
     least_step: float
     best: float | None
@@ -75,8 +71,6 @@ class Score:
     about: str = ""
     unit: str = ""
     lower_wins: bool = False
-    always: bool = False
-    module: str = ""
     package: str = ""
     least_side: int = 1
     pixel_bytes: int = 0
@@ -106,18 +100,20 @@ class Score:
         return int(self.form[1:-1])
 
     @property
+    def always(self) -> bool:
+        """Whether every run measures the score. The others are measured on request only."""
+        return not self.package
+
+    @property
     def is_installed(self) -> bool:
         """Whether the package that the score needs is installed."""
-        return not self.module or find_spec(self.module) is not None
+        return self.always or find_spec(self.package.replace("-", "_")) is not None
 
     @property
     def function(self) -> Callable[[Any, Any], float]:
-        """Function (raster, photo) that measures the score."""
-        return resolve_name(f"gauss2svg.measure.{self.defined_in}:{self.slug}")
-
-    def worst(self, values: Iterable[float]) -> float:
-        """Return the worst of several values of the score."""
-        return max(values) if self.lower_wins else min(values)
+        """Function (raster, photo) that measures the score. Both are (h, w, 3) float32 in 0..1."""
+        module = "metrics" if self.always else "perceptual"
+        return resolve_name(f"gauss2svg.measure.{module}:{self.slug}")
 
     def can_show(self, value: float | None) -> bool:
         """Return whether a value can be shown.
@@ -140,32 +136,25 @@ PSNR = Score(
     slug="psnr",
     name="PSNR",
     title="PSNR, dB",
-    defined_in="metrics",
     form=".2f",
     unit="dB",
     least_step=1.0,
     best=None,
-    always=True,
     # docs/decisions/numbers.md has the measurements for the tolerances of all scores.
     search=Search(
         tolerance=0.05, margin=0.12, too_little=0.02, too_good=0.35, slope=None, slopes=(1.5, 12.0)
     ),
 )
-SSIM = Score(
-    slug="ssim", name="SSIM", title="SSIM", defined_in="metrics", form=".3f", least_step=0.01,
-    best=1.0, always=True,
-)  # fmt: skip
+SSIM = Score(slug="ssim", name="SSIM", title="SSIM", form=".3f", least_step=0.01, best=1.0)
 SSIMULACRA2 = Score(
     slug="ssimulacra2",
     name="SSIMULACRA2",
     title="SSIMULACRA2",
     about="how people would judge the SVG beside its photo; 100 means equal, 70 high quality, 50 "
     "medium, 30 low. It needs at least 225 px a side.",
-    defined_in="perceptual",
     form=".1f",
     least_step=1.0,
     best=100.0,
-    module="ssimulacra2",
     package="ssimulacra2",
     # SSIMULACRA2 compares the images at several scales. The smallest scale divides each side by 32
     # and rounds the result up. There, each side must have at least 8 px.
@@ -182,12 +171,10 @@ FLIP = Score(
     title="FLIP, lower is better",
     about="mean of the differences that people would see in flipping from one to the other, in "
     "0..1; 0 means equal, lower is better.",
-    defined_in="perceptual",
     form=".4f",
     least_step=0.01,
     best=0.0,
     lower_wins=True,
-    module="flip_evaluator",
     package="flip-evaluator",
     pixel_bytes=150,
 )
@@ -244,7 +231,7 @@ def require_packages(score: Score | None = None) -> None:
     If `score` is None, all scores are wanted, but it is enough if the package of one score is
     installed. This is because FLIP has no package for the newest Python.
     """
-    scores = [each for each in ON_REQUEST if each.module] if score is None else [score]
+    scores = ON_REQUEST if score is None else (score,)
     if not any(each.is_installed for each in scores):
         name = "scores" if score is None else score.option
         needed = f"given with {' or '.join(each.package for each in scores)} installed"
@@ -256,7 +243,7 @@ def packages() -> dict[str, str]:
     # This is imported here, because it is slow to import and the help does not need it.
     from importlib.metadata import version
 
-    return {s.package: version(s.package) for s in ON_REQUEST if s.package and s.is_installed}
+    return {s.package: version(s.package) for s in ON_REQUEST if s.is_installed}
 
 
 def color_name(name: str, value: Any) -> str:

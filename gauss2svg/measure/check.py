@@ -21,15 +21,7 @@ from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
-from gauss2svg.raster import (
-    AT_REST,
-    BROWSERS,
-    Feature,
-    rasterize_sized,
-    refuse_unsupported,
-    renderer_version,
-    uses,
-)
+from gauss2svg.raster import AT_REST, BROWSERS, Feature, refuse_unsupported, renderer_version, uses
 from gauss2svg.raster.isolated import draw
 from gauss2svg.svg.file import (
     BLANKS,
@@ -67,6 +59,7 @@ class Enlarged(NamedTuple):
 class CheckResult:
     """Scores of an SVG against a photo. Both are composited over white unless said otherwise.
 
+    measured       what follows, by the keys of `report`. Each is also an attribute of its name:
     psnr           dB, infinite if equal
     ssim           -1..1, None under 11 px a side
     ms_ssim        0..1, None under 176 px a side
@@ -78,73 +71,60 @@ class CheckResult:
     hue_error_999  99.9th percentile of the local errors of hue
     svg_bytes      bytes of the file without compression
     svgz_bytes     bytes of the file after gzip at level 9
+    renderer       name and version of the renderer
+    psnr_black     PSNR over black in dB, None if the photo is opaque
+    psnr_alpha     PSNR of the alpha channel in dB, None if the photo is opaque
+
     survey         counts of the SVG's elements
     frame          width, height and viewBox that the SVG itself has
-    renderer       name and version of the renderer
     raster, photo  (h, w, 3) float32 in 0..1: the SVG's raster, and the photo as it was compared.
                    (h, w, 4) if the photo has alpha
     notes          remarks on the comparison
     scores         SSIMULACRA2 and FLIP. If the photo has alpha, each is measured over white and
                    over black, and the worse value counts
-    psnr_black     PSNR over black in dB, None if the photo is opaque
-    psnr_alpha     PSNR of the alpha channel in dB, None if the photo is opaque
     enlarged       scores of the enlarged SVG against the reference, None without a reference
     """
 
-    psnr: float
-    ssim: float | None
-    ms_ssim: float | None
-    largest_error: float
-    bias: float
-    hue_error: float
-    hue_error_at: list[int]
-    hue_error_999: float
-    svg_bytes: int
-    svgz_bytes: int
+    measured: dict[str, Any]
     survey: Survey
     frame: Frame
-    renderer: str
     raster: NDArray[np.float32]
     photo: NDArray[np.float32]
     notes: tuple[str, ...]
     scores: Scores
-    psnr_black: float | None = None
-    psnr_alpha: float | None = None
     enlarged: Enlarged | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        measured = {k.replace("_svg", ""): v for k, v in vars(self).get("measured", {}).items()}
+        if name not in measured:
+            raise AttributeError(name)
+        return measured[name]
 
     @cached_property
     def report(self) -> dict[str, Any]:
         """Scores and counts for JSON. docs/reference/report.md explains the keys."""
         height, width = self.photo.shape[:2]
-        enlarged = self.enlarged
-        return {
+        larger, tags = self.enlarged, self.survey.tags
+        report = {
             "width": width,
             "height": height,
             "svg_width": self.frame.width,
             "svg_height": self.frame.height,
             "view_box": list(self.frame.view_box),
-            "renderer": self.renderer,
             "transparent": has_alpha(self.photo),
-            **{f"{name}_svg": _finite(getattr(self, name)) for name in ("psnr", "ssim", "ms_ssim")},
-            "psnr_svg_black": _finite(self.psnr_black),
-            "psnr_svg_alpha": _finite(self.psnr_alpha),
+            **self.measured,
             **self.scores.report,
-            "largest_error_svg": self.largest_error,
-            "bias_svg": self.bias,
-            "hue_error_svg": self.hue_error,
-            "hue_error_at": self.hue_error_at,
-            "hue_error_999_svg": self.hue_error_999,
-            "reference_scale": None if enlarged is None else enlarged.scale,
-            "psnr_svg_enlarged": None if enlarged is None else _finite(enlarged.psnr),
-            "ssim_svg_enlarged": None if enlarged is None else enlarged.ssim,
-            "svg_bytes": self.svg_bytes,
-            "svgz_bytes": self.svgz_bytes,
+            "reference_scale": larger and larger.scale,
+            "psnr_svg_enlarged": larger and larger.psnr,
+            "ssim_svg_enlarged": larger and larger.ssim,
             "elements": self.survey.elements,
-            "elements_by_tag": dict(self.survey.tags),
-            "groups": self.survey.tags.get("g", 0),
+            "elements_by_tag": dict(tags),
+            "groups": tags.get("g", 0),
             "layers": self.survey.layers,
             "notes": list(self.notes),
         }
+        # JSON has no infinity, which is the PSNR of equal pictures.
+        return {key: None if value == math.inf else value for key, value in report.items()}
 
     def heatmap(self) -> bytes:
         """Return a PNG that shows the error at each pixel over white.
@@ -184,7 +164,7 @@ def check(
 
     photo          any image that `vectorize` accepts
     svg            a path, text that begins with <, bytes or a binary file, which may be gzipped, or
-                   a Result of `vectorize`, which is trusted and drawn in this process
+                   a Result of `vectorize`
     reference      larger picture from which the photo was made. The SVG is enlarged and compared
                    with it too. It is an SVG, or a picture that has at least reference_scale times
                    the photo's width and height
@@ -214,32 +194,23 @@ def check(
         raise refusal("reference", "given for reference_scale", "none", advice)
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
     pixels, size = pixels_of(picture), (picture.width, picture.height)
-    is_trusted = isinstance(getattr(svg, "svg", None), str)
-    data, text = read_source(svg.svg if is_trusted else svg, int(asked.max_svg_bytes))
+    data, text = read_source(getattr(svg, "svg", svg), int(asked.max_svg_bytes))
     larger, scale = None, asked.reference_scale or 4.0
     if reference is not None:
         larger = enlarged(text, reference, size, scale, asked, WHITE if matte is None else matte)
     surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)
-    if is_trusted:
-        raster = rasterize_sized(sized_text, *size, asked.renderer, pixels.shape[2] == 4)
-        raster = raster if pixels.shape[2] == 4 else over(raster)
-    else:
-        raster = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
+    raster = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
     is_measurable = min(size) >= metrics.LEAST_SIDE_FOR_MS_SSIM
-    return CheckResult(
-        **{name.replace("_svg", ""): v for name, v in measure_pixels(raster, pixels).items()},
-        ms_ssim=metrics.ms_ssim(over(raster), over(pixels)) if is_measurable else None,
-        svg_bytes=len(data),
-        svgz_bytes=len(file_bytes(data, gzipped=True)),
-        survey=surveyed,
-        frame=frame,
-        renderer=renderer,
-        raster=raster,
-        photo=pixels,
-        notes=tuple(_notes(surveyed, frame, picture, asked.renderer, uses(text, Feature.MOVING))),
-        scores=perceptual_scores(raster, pixels),
-        enlarged=larger,
-    )
+    measured = {
+        "renderer": renderer,
+        **measure_pixels(raster, pixels),
+        "ms_ssim_svg": metrics.ms_ssim(over(raster), over(pixels)) if is_measurable else None,
+        "svg_bytes": len(data),
+        "svgz_bytes": len(file_bytes(data, gzipped=True)),
+    }
+    notes = _notes(surveyed, frame, picture, asked.renderer, uses(text, Feature.MOVING))
+    scores = perceptual_scores(raster, pixels)
+    return CheckResult(measured, surveyed, frame, raster, pixels, tuple(notes), scores, larger)
 
 
 def enlarged(
@@ -292,12 +263,13 @@ def _is_svg(source: ImageSource | SvgSource) -> bool:
     Bytes and text are judged by how they begin, and paths by their suffix. A binary file counts as
     a picture.
     """
-    if isinstance(source, bytes):
-        return source.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
-    if not isinstance(source, (str, os.PathLike)):
+    data = source
+    if isinstance(source, (str, os.PathLike)):
+        data = os.fsdecode(source).encode(errors="replace")
+    if not isinstance(data, bytes):
         return False
-    name = os.fsdecode(source)
-    return name.lstrip(BLANKS).startswith("<") or name.lower().endswith((".svg", ".svgz"))
+    is_text = data.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
+    return is_text or data.lower().endswith((b".svg", b".svgz"))
 
 
 def sized_svg(
@@ -314,11 +286,6 @@ def sized_svg(
     refuse_unsupported(text, renderer)
     sized_text = stretched(text, width, height, " ".join(f"{v!r}" for v in frame.view_box))
     return surveyed, frame, sized_text
-
-
-def _finite(psnr: float | None) -> float | None:
-    """Return a PSNR, or None if it is infinite, because JSON has no infinity."""
-    return None if psnr is None or math.isinf(psnr) else psnr
 
 
 def _notes(
@@ -338,12 +305,9 @@ def _notes(
             # One note is enough if neither the SVG nor its viewBox has the photo's proportions.
             break
     if texts := tags.get("text", 0):
-        no_fonts = "not drawn, because resvg gets no fonts. Try paths"
-        no_fonts += "" if is_animated else ", or --renderer chromium"
-        how = no_fonts if renderer == "resvg" else "drawn in the fonts of this machine"
+        how = "not drawn, because resvg gets no fonts. Try paths, or another --renderer"
+        how = how if renderer == "resvg" else "drawn in the fonts of this machine"
         notes.append(f"text ({texts}) is {how}")
-    if pictures := tags.get("image", 0):
-        notes.append(f"embedded images ({pictures}) are measured along with the shapes")
     if surveyed.remarks and renderer not in BROWSERS:
         first, more = ", ".join(surveyed.remarks[:3]), " and more" if surveyed.remarks[3:] else ""
         unknown = f"{renderer} is not known to draw these as browsers do: {first}{more}"

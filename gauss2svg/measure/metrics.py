@@ -34,17 +34,10 @@ def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> No
 def _differences(
     image: NDArray[np.floating], other: NDArray[np.floating]
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield the differences (n, w * channels) of a few rows at a time, to save memory."""
+    """Yield the difference (w * channels,) of each row. A row at a time takes little memory."""
     check_shapes(image, other)
-    height = len(image)
-    step = max(1, 65536 * height // max(image.size, 1))  # 65536 values fit into the CPU's cache
-    for top in range(0, height, step):
-        band = np.subtract(image[top : top + step], other[top : top + step], dtype=np.float64)
-        yield band.reshape(len(band), -1)
-
-
-def _mean(bands: Iterator[NDArray[np.float64]], image: NDArray[np.floating]) -> float:
-    return math.fsum(row for band in bands for row in band.sum(axis=1).tolist()) / image.size
+    for row, other_row in zip(image, other, strict=True):
+        yield np.subtract(row, other_row, dtype=np.float64).ravel()
 
 
 def mean_squared_error(
@@ -60,7 +53,8 @@ def mean_squared_error(
     if weight is not None:
         squares = np.square(np.subtract(image, other, dtype=np.float64)).mean(axis=2)
         return float(np.average(squares, weights=np.resize(weight, squares.shape)))
-    return _mean(map(np.square, _differences(image, other)), image)
+    rows = _differences(image, other)
+    return math.fsum(float(np.square(row).sum()) for row in rows) / image.size
 
 
 def psnr(
@@ -160,12 +154,13 @@ def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def largest_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the largest absolute difference at any pixel in any channel, in levels of 255."""
-    return max(float(np.abs(band).max()) for band in _differences(image, other)) * 255
+    return max(float(np.abs(row).max()) for row in _differences(image, other)) * 255
 
 
 def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the mean of image - other over all pixels and channels, in levels of 255."""
-    return _mean(_differences(image, other), image) * 255
+    total = math.fsum(float(row.sum()) for row in _differences(image, other))
+    return total / image.size * 255
 
 
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
@@ -226,22 +221,19 @@ def local_hue_error(image: NDArray[np.float32], photo: NDArray[np.float32]) -> H
     photo has alpha, the errors are measured over white and over black, and the worse ones count.
     """
     check_shapes(image, photo)
-    return max(_over(image, photo, level) for level in BACKDROPS[: 1 + has_alpha(photo)])
-
-
-def _over(image: NDArray[np.float32], photo: NDArray[np.float32], level: float) -> HueError:
-    """Return the local error of hue of two pictures over a grey level."""
     height, width = photo.shape[:2]
-    errors, radius = np.empty((height, width), np.float32), WINDOW // 2
-    rows, step = mirrored(height, radius), 128
-    for top in range(0, height, step):  # bands of rows, to save memory
-        band = rows[top : top + step + 2 * radius]
-        difference = chroma(over(image[band], level)) - chroma(over(photo[band], level))
-        a, b = box_mean(np.moveaxis(difference, 2, 0), WINDOW)[:, radius : len(band) - radius]
-        errors[top : top + step] = portable.hypot(a, b)
-    y, x = divmod(int(errors.argmax()), width)
-    worst = float(errors[y, x])
-    return HueError(worst, x, y, float(np.percentile(errors, 99.9, overwrite_input=True)))
+    rows, step, radius = mirrored(height, WINDOW // 2), 128, WINDOW // 2
+    found = []
+    for level in BACKDROPS[: 1 + has_alpha(photo)]:
+        errors = np.empty((height, width), np.float32)
+        for top in range(0, height, step):  # bands of rows, to save memory
+            band = rows[top : top + step + 2 * radius]
+            difference = chroma(over(image[band], level)) - chroma(over(photo[band], level))
+            a, b = box_mean(np.moveaxis(difference, 2, 0), WINDOW)[:, radius : len(band) - radius]
+            errors[top : top + step] = portable.hypot(a, b)
+        y, x = divmod(int(errors.argmax()), width)
+        found.append(HueError(float(errors[y, x]), x, y, float(np.percentile(errors, 99.9))))
+    return max(found)
 
 
 def chroma(rgb: NDArray[np.floating]) -> NDArray[np.float32]:

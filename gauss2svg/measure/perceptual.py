@@ -17,16 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import InputError, refusal
-from gauss2svg.measure import (
-    ADVICE,
-    ON_REQUEST,
-    SSIMULACRA2,
-    Score,
-    Scores,
-    ScoresMissingError,
-    packages_missing,
-)
+from gauss2svg.measure import ON_REQUEST, Scores, packages_missing
 from gauss2svg.measure.metrics import check_shapes
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, module_command, python_environment, run
@@ -49,34 +40,26 @@ def perceptual_scores(
     Raise InputError if the two pictures differ in shape.
     """
     check_shapes(raster, photo)
-    spare = int(MEMORY_SHARE * free_bytes()) if spare is None else spare
+    spare = max(int(MEMORY_SHARE * free_bytes()) if spare is None else spare, 0)
     values, missing = dict(known or {}), list(packages_missing())
+    height, width = photo.shape[:2]
     for score in ON_REQUEST:
         if score.slug in values or not score.is_installed:
             continue
-        obstacle = _obstacle(score, photo.shape[0], photo.shape[1], spare)
-        try:
-            if not obstacle:
+        obstacle, needed = "", score.pixel_bytes * height * width
+        if min(height, width) < score.least_side:
+            obstacle = f"it needs at least {score.least_side} px a side"
+        elif needed > spare:
+            memory = f"{needed / 1e9:.2g} GB of memory for {width}x{height} px"
+            obstacle = f"it needs {memory}, and {spare / 1e9:.2g} GB are left"
+        else:
+            try:
                 values[score.slug] = score_of(score, raster, photo)
-        except (ChildProcessError, InputError) as error:
-            obstacle = str(error)
+            except (ChildProcessError, ImportError) as error:
+                obstacle = str(error)
         if obstacle:
             missing.append(f"{score.name} is not measured: {obstacle}")
     return Scores(values, tuple(missing))
-
-
-def _obstacle(score: Score, height: int, width: int, spare: int) -> str:
-    """Return why the score cannot be measured for a picture of this size, "" if it can.
-
-    spare  bytes of memory that measuring the score may take
-    """
-    needed = score.pixel_bytes * height * width
-    if min(height, width) < score.least_side:
-        return f"it needs at least {score.least_side} px a side"
-    if needed > spare:
-        memory = f"{needed / 1e9:.2g} GB of memory for {width}x{height} px"
-        return f"it needs {memory}, and {max(spare, 0) / 1e9:.2g} GB are left"
-    return ""
 
 
 def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
@@ -91,20 +74,17 @@ def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> flo
     people's opinions of compressed photos. Source: Jon Sneyers,
     https://github.com/cloudinary/ssimulacra2, in the package ssimulacra2.
 
-    Raise InputError if a side is under 225 px. The smallest scale would then be left out, and the
-    package, like the reference implementation, would apply its weights to the wrong means. Raise
-    ScoresMissingError if the package is not installed.
+    Each side must have at least 225 px. Below that, the package, like the reference implementation,
+    leaves out the smallest scale, and applies its weights to the wrong means.
     """
-    height, width = image.shape[:2]
-    if min(height, width) < SSIMULACRA2.least_side:
-        needed = f"at least {SSIMULACRA2.least_side} px a side"
-        raise refusal("an image for SSIMULACRA2", needed, f"{width}x{height} px", "SSIM")
-    try:
-        from ssimulacra2 import compute_ssimulacra2
-    except ImportError as error:
-        raise ScoresMissingError(f"SSIMULACRA2 cannot be imported: {error}. {ADVICE}") from error
-    # The package reads images from files, so each image is written to a file in memory.
-    return float(compute_ssimulacra2(_as_file(photo), _as_file(image)))
+    from ssimulacra2 import compute_ssimulacra2
+
+    files = []
+    for picture in (photo, image):  # the package reads files
+        files.append(io.BytesIO())
+        Image.fromarray(_eight_bits(picture)).save(files[-1], "PPM")
+        files[-1].seek(0)
+    return float(compute_ssimulacra2(*files))
 
 
 def flip(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
@@ -146,13 +126,6 @@ def main() -> None:
 
 def _eight_bits(image: NDArray[np.floating]) -> NDArray[np.uint8]:
     return np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
-
-
-def _as_file(image: NDArray[np.floating]) -> io.BytesIO:
-    stream = io.BytesIO()
-    Image.fromarray(_eight_bits(image)).save(stream, "PPM")
-    stream.seek(0)
-    return stream
 
 
 if __name__ == "__main__":

@@ -89,8 +89,8 @@ def score_of(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float3
 
     If they have alpha, the score is measured over white and over black, and the worse value counts.
     """
-    pairs = zip(views(raster), views(photo), strict=True)
-    return score.worst([score.function(*pair) for pair in pairs])
+    values = map(score.function, views(raster), views(photo))
+    return max(values) if score.lower_wins else min(values)
 
 
 def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:

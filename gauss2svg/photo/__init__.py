@@ -65,8 +65,6 @@ _RAW = rb"II\*\0....CR|II[RU][\0SO]|MMOR|IIU\0|FUJIFILM"
 _OTHERS = (
     (_RAW, "a camera's raw file"),
     (rb"%PDF", "a PDF"),
-    (rb"%!PS|\xc5\xd0\xd3\xc6", "a PostScript file"),
-    (rb"gimp xcf", "a GIMP file"),
     (rb"(\xef\xbb\xbf)?\s*<(svg|\?xml|!DOCTYPE svg)", "an SVG or other XML"),
     (rb"(?i)\s*<(!doctype html|html)", "a web page"),
     (rb"\x1f\x8b", "a gzipped file"),
@@ -74,8 +72,6 @@ _OTHERS = (
     (rb".{4}ftypcrx ", "a camera's raw file"),
     (rb".{4}ftyp", "a video"),
     (rb"\0\0\0\x0cJXL |\xff\x0a", "a JPEG XL file"),
-    (rb"P[1-7Ff]\s", "a Netpbm file"),
-    (rb"v/1\x01", "an OpenEXR file"),
 )
 
 

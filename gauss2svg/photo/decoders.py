@@ -1,4 +1,4 @@
-"""Open photos: JPEG, PNG, WebP, TIFF and AVIF by libvips, HEIC by libheif, the others by Pillow.
+"""Open photos by libvips (JPEG, PNG, WebP, TIFF, AVIF), libheif (HEIC) or Pillow, and convert them.
 
 Each loader is called by its name. So libvips does not choose a loader by the content of a file. Its
 settings hold for the whole process. Samples are fetched in the calling thread, so that libvips
@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 import pyvips
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageCms
 from PIL.ExifTags import Base
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from gauss2svg.photo.pixels import Header
+from gauss2svg.photo.pixels import Header, unit
 
 SWAPPED = (5, 6, 7, 8)  # the EXIF orientations that exchange width and height
 TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
@@ -137,11 +137,7 @@ def opened_by_libvips(file: bytes, loader: str) -> StoredImage:
     stored.note_frames(fields.get("n-pages", 1), "pages" if loader == "tiffload" else "frames")
     if loader == "jpegload":
         stored.scales = (1, 2, 4, 8)
-    elif loader == "pngload" and (place := file.find(b"acTL", 0, file.find(b"IDAT"))) > 0:
-        stored.note_frames(int.from_bytes(file[place + 4 : place + 8], "big"))
     elif loader == "heifload":
-        if file[8:12] == b"avis":
-            stored.notes.append("first of several frames")
         if codes := re.search(rb"colrnclx(..)(..)", file, re.DOTALL):
             _take_codes(stored, *(int.from_bytes(code, "big") for code in codes.groups()))
     elif stored.alpha is not None and (kinds := tags.get(Base.ExtraSamples)):
@@ -202,8 +198,6 @@ def opened_by_libheif(file: bytes, _loader: str) -> StoredImage:
     stored.profile = heif.info.get("icc_profile")
     if nclx := heif.info.get("nclx_profile"):
         _take_codes(stored, nclx["color_primaries"], nclx["transfer_characteristics"])
-    if len(heif) > 1:
-        stored.notes.append(f"primary image of {len(heif)}")
     return stored
 
 
@@ -265,3 +259,58 @@ def samples(picture: Any) -> NDArray[Any]:
         fetched = np.frombuffer(region.fetch(0, top, width, rows), array.dtype)
         array[top : top + rows] = fetched.reshape(-1, width, bands)
     return array
+
+
+_SAME = 1 / 255  # a profile that changes no level by more than this counts as sRGB
+
+
+def in_srgb(
+    color: NDArray[np.float32], profile: bytes | None
+) -> tuple[NDArray[np.float32], list[str]]:
+    """Convert color in 0..1 to sRGB by its ICC profile, and return it with notes on the conversion.
+
+    color (h, w, channels) has 1 channel for grey, 3 for RGB or 4 for CMYK. The result is grey or
+    RGB.
+    """
+    notes: list[str] = []
+    if profile:
+        converted = _by_profile(color, profile)
+        if converted is not None:
+            note = "converted from its embedded ICC profile to sRGB"
+            return converted, [] if converted is color else [note]
+        notes = ["embedded ICC profile unreadable or for another colour space; sRGB assumed"]
+    if color.shape[2] == 4:
+        color = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
+        formula = "converted by the naive formula, whose colours may be too vivid"
+        notes.append(f"CMYK without a usable ICC profile; {formula}")
+    return color, notes
+
+
+def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32] | None:
+    """Convert color to sRGB by an ICC profile.
+
+    Return `color` itself if the profile is that of sRGB, and None if the profile is unusable.
+    """
+    channels, stored = {b"GRAY": 1, b"RGB ": 3, b"CMYK": 4}.get(profile[16:20]), color.shape[2]
+    if channels is None or (stored == 4) != (channels == 4) or channels < stored:
+        return None
+    steps = np.linspace(0, 1, 9, dtype=np.float32)
+    levels = np.stack(np.meshgrid(*[steps] * channels), axis=-1).reshape(1, -1, channels)
+    try:
+        if channels < 4 and np.abs(_transformed(levels, profile) - levels).max() <= _SAME:
+            return color
+        return _transformed(color.repeat(channels // stored, axis=2), profile)
+    except (ImageCms.PyCMSError, OSError, pyvips.Error):
+        return None
+
+
+def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32]:
+    """Convert grey, RGB or CMYK to RGB in sRGB by an ICC profile, with 16 bits per channel."""
+    # This call is here to raise an error if the profile is broken. libvips would raise none.
+    ImageCms.ImageCmsProfile(io.BytesIO(profile))
+    levels = np.round(color * np.float32(65535)).astype(np.uint16)
+    kind = {1: "grey16", 3: "rgb16", 4: "cmyk"}[color.shape[2]]
+    picture = pyvips.Image.new_from_array(levels).copy(interpretation=kind)
+    picture.set_type(pyvips.GValue.blob_type, "icc-profile-data", profile)  # pyright: ignore[reportArgumentType]
+    picture = picture.icc_transform("srgb", embedded=True, intent="perceptual", depth=16)
+    return unit(samples(picture), "photo")

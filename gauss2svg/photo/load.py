@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -23,6 +22,7 @@ from gauss2svg.photo.decoders import (
     SWAPPED,
     TYPES,
     StoredImage,
+    in_srgb,
     of_image,
     opened_by_libheif,
     opened_by_libvips,
@@ -43,7 +43,6 @@ from gauss2svg.photo.pixels import (
     shrunk,
     unit,
 )
-from gauss2svg.photo.srgb import in_srgb
 
 # libjpeg can reduce a JPEG while it decodes it, but its filter removes high frequencies
 # (docs/decisions/photo.md). So libjpeg may reduce each side only to at least this many times the
@@ -62,24 +61,11 @@ def _refusing(name: str) -> Iterator[None]:
     except (InputError, MemoryError):
         raise
     except Exception as error:
-        needed = "a complete image of a supported kind"
-        got = f"one that is broken, truncated or unsupported{_reason_of(error)}"
-        raise refusal(name, needed, got, "another copy of it, or re-saving it as PNG") from error
-
-
-def _reason_of(error: Exception) -> str:
-    """Return the reason of a decoder in brackets, or "" if only its own programmers understand it.
-
-    The names of the decoder's functions are left out.
-    """
-    # Pillow raises SyntaxError from a fault of its own, such as an index out of range.
-    explained = pyvips.Error, OSError, ValueError, RuntimeError, SyntaxError
-    if not isinstance(error.__cause__ or error, explained):
-        return ""
-    text = error.detail if isinstance(error, pyvips.Error) else str(error)
-    lines = [re.sub(r"^\s*\w+: |unable to open source.*", "", line) for line in text.splitlines()]
-    reasons = [line.strip(" .") for line in lines if line.strip()]
-    return f" ({brief(reasons[-1])})" if reasons else ""
+        # A ValueError says what the file has. Only a decoder's programmers understand the others.
+        reason = brief(str(error).partition("\n")[0]) if isinstance(error, ValueError) else ""
+        got = f"one that is broken, truncated or unsupported{f' ({reason})' if reason else ''}"
+        advice = "another copy of it, or re-saving it as PNG"
+        raise refusal(name, "a complete image of a supported kind", got, advice) from error
 
 
 def opened(file: bytes, name: str, max_pixels: int) -> StoredImage:
@@ -117,11 +103,9 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
         pixels = pixels.clip(0, 1)
     pixels = unit(pixels, name)
     color, notes = in_srgb(pixels[:, :, : stored.colors], stored.profile)
-    notes, orientation, dpi = [*stored.notes, *notes], stored.orientation, stored.dpi
-    if dpi and min(dpi) <= 0:
-        dpi = None
-    if orientation != 1:
-        notes.insert(0, "EXIF orientation applied")
+    orientation = stored.orientation
+    turned = [] if orientation == 1 else ["EXIF orientation applied"]
+    dpi = stored.dpi if stored.dpi and min(stored.dpi) > 0 else None
     if dpi and orientation in SWAPPED:
         dpi = dpi[1], dpi[0]
     color, alpha = upright(color, orientation), None
@@ -129,7 +113,7 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     if stored.alpha is not None and (pixels[:, :, -1] < 1).any():
         alpha = upright(pixels[:, :, -1], orientation)
         color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
-    return Photo(color, stored.upright_size, tuple(notes), dpi, alpha)
+    return Photo(color, stored.upright_size, (*turned, *stored.notes, *notes), dpi, alpha)
 
 
 def _picture(stored: StoredImage, size: Size | None) -> Any:
@@ -224,7 +208,18 @@ def load_image(
     """
     Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     stored, name = _stored(source, max_pixels)
-    return _composited(decoded(stored, name, needed), matte)
+    photo = decoded(stored, name, needed)
+    if matte is None:
+        return photo
+    color = np.asarray(matte, np.float32)
+    if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
+        raise refusal("matte", "three numbers in 0..1: red, green, blue", quoted(matte))
+    if photo.alpha is None:
+        return photo
+    name = bytes(np.round(255 * color).astype(np.uint8)).hex()
+    notes = (*photo.notes, f"composited over #{name}")
+    pixels = over(pixels_of(photo), tuple(color))
+    return dataclasses.replace(photo, pixels=pixels, alpha=None, notes=notes)
 
 
 def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pixels: int) -> Focus:
@@ -365,18 +360,3 @@ def _of_array(
     picture = pyvips.Image.new_from_array(np.ascontiguousarray(array))
     alpha = 3 if channels == 4 else None
     return StoredImage(width, height, min(channels, 3), alpha, lambda _scale: picture, None)
-
-
-def _composited(photo: Photo, matte: Sequence[float] | None) -> Photo:
-    """Return the photo over the colour `matte`, or unchanged if `matte` is None."""
-    if matte is None:
-        return photo
-    color = np.asarray(matte, np.float32)
-    if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
-        raise refusal("matte", "three numbers in 0..1: red, green, blue", quoted(matte))
-    if photo.alpha is None:
-        return photo
-    name = "".join(f"{round(255 * float(level)):02x}" for level in color)
-    notes = (*photo.notes, f"composited over #{name}")
-    pixels = over(pixels_of(photo), tuple(color))
-    return dataclasses.replace(photo, pixels=pixels, alpha=None, notes=notes)

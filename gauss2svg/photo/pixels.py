@@ -122,10 +122,8 @@ def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
         raise refusal(f"type of {name}", needed, str(array.dtype))
     bad = ~((array >= 0) & (array <= 1))  # `bad` is true for NaN too
     if bad.any():
-        y, x, c = (int(v) for v in np.argwhere(bad)[0])
-        got = f"{array[y, x, c]} at row {y}, column {x}, channel {c}"
         advice = "dividing by the largest value, or clipping"
-        raise refusal(f"samples of {name}", "finite and in 0..1", got, advice)
+        raise refusal(f"samples of {name}", "finite and in 0..1", str(array[bad][0]), advice)
     return array.astype(np.float32)
 
 

@@ -9,15 +9,10 @@ least 5 dB worse than this mean (docs/decisions/renderers.md).
 
 from __future__ import annotations
 
-import asyncio
-import atexit
 import os
 import sys
-import threading
 from collections.abc import Sequence
-from concurrent.futures import wait
-from contextlib import suppress
-from functools import cache
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -53,24 +48,21 @@ def chromium(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np
 
     They are means of several images, so their levels are finer than 8 bits.
     """
-    try:
-        return _browser(os.getpid()).draw(svg, width, height, page)
-    except _playwright_api().Error as error:
-        raise RendererError(
-            f"Chromium cannot draw the SVG at {width}x{height} px: {_first_line(error)}"
-        ) from error
+    # Playwright refuses a thread that runs an event loop of asyncio, as that of a notebook does.
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(_mean, svg, width, height, page).result()
 
 
 def _playwright_api() -> Any:
-    """Return Playwright's API for asyncio. Raise RendererError if it is not installed."""
+    """Return Playwright's API. Raise RendererError if it is not installed."""
     try:
-        from playwright import async_api
+        from playwright import sync_api
     except ImportError as error:
         raise RendererError(
             "renderer chromium needs Playwright and a browser. Try to install them (pip install "
             '"gauss2svg[browser]", apt-get install chromium), or --renderer resvg'
         ) from error
-    return async_api
+    return sync_api
 
 
 def _program() -> str:
@@ -90,98 +82,45 @@ def launch_options(flags: Sequence[str] = _FLAGS) -> dict[str, Any]:
     return {"executable_path": _program(), "args": flags, "chromium_sandbox": not is_root}
 
 
-class _Browser:
-    """The one browser of a process, which an event loop of asyncio controls in a thread of its own.
+def _mean(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
+    """Return the mean (height, width, 4) of four images of the SVG on a page of this colour.
 
-    The loop does not run in the caller's thread, because that thread may already run an event loop,
-    as it does in a notebook.
+    The page is offline, so it can load only the two files that its routes serve.
     """
-
-    def __init__(self) -> None:
-        self._loop, self._lock = asyncio.new_event_loop(), asyncio.Lock()
-        self._playwright: Any = None
-        self._browser: Any = None
-        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
-        self._thread.start()
-        atexit.register(self._close)
-
-    def draw(self, svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
-        """Return the mean (height, width, 4) of four images of the SVG on a page of this colour.
-
-        The images are drawn at the four places _OFFSETS of the page.
-        """
-        mean = self._mean(svg, width, height, color)
-        return asyncio.run_coroutine_threadsafe(mean, self._loop).result()
-
-    def _close(self) -> None:
-        """Stop the browser, even if it is drawing, and wait at most ten seconds for its end.
-
-        In a forked process this does nothing, because the browser belongs to the parent.
-        """
-        if self._playwright is not None and self._thread.is_alive():
-            wait([asyncio.run_coroutine_threadsafe(self._playwright.stop(), self._loop)], 10)
-
-    async def _mean(self, svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
-        is_clear = color == CLEAR
-        total = np.zeros((height, width, 4), np.float32)
-        async with self._lock, await self._context(width + 1, height + 1) as context:
+    api, launching, is_clear = _playwright_api(), launch_options(), color == CLEAR
+    total = np.zeros((height, width, 4), np.float32)
+    try:
+        with api.sync_playwright() as playwright:
+            context = playwright.chromium.launch(**launching).new_context(
+                viewport={"width": width + 1, "height": height + 1}, offline=True,
+                service_workers="block",
+            )  # fmt: skip
             context.set_default_timeout(renderers.TIMEOUT_S * 1000)
-            page = await context.new_page()
-            await page.route(_SITE, lambda r: r.fulfill(body=html(color), content_type="text/html"))
-            await page.route(
-                _SITE + DRAWING, lambda r: r.fulfill(body=svg, content_type="image/svg+xml")
-            )
-            await page.goto(_SITE)
+            page = context.new_page()
+            page.route(_SITE, lambda r: r.fulfill(body=html(color), content_type="text/html"))
+            page.route(_SITE + DRAWING, lambda r: r.fulfill(body=svg, content_type="image/svg+xml"))
+            page.goto(_SITE)
             # wait_for_function() has a time limit. evaluate() has none, so it would wait forever if
             # the page hangs.
-            size = await page.wait_for_function(
+            size = page.wait_for_function(
                 "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
             )
-            if await size.json_value() != [width, height]:
+            if size.json_value() != [width, height]:
                 raise RendererError("Chromium cannot draw the SVG: not a supported image")
             for x, y in _OFFSETS:
                 style = f"position: absolute; left: {x}px; top: {y}px"
-                await page.wait_for_function("to => document.images[0].style = to", arg=style)
-                shot = from_png(await page.screenshot(omit_background=is_clear))
+                page.wait_for_function("to => document.images[0].style = to", arg=style)
+                shot = from_png(page.screenshot(omit_background=is_clear))
                 levels = np.rint(255 * shot[y : y + height, x : x + width])
                 # Colours are premultiplied by alpha here, because the mean of several images is
                 # exact only for premultiplied colours.
                 levels[:, :, :3] *= levels[:, :, 3:] / 255
                 total += levels
-        total /= np.float32(255 * len(_OFFSETS))
-        return straight(total[:, :, :3], total[:, :, 3]) if is_clear else total
-
-    async def _context(self, width: int, height: int) -> Any:
-        """Return a new context of the browser. Start the browser first if it does not run.
-
-        The context is offline. So a page in it can load only the files that the routes of the page
-        serve.
-        """
-        api, view = _playwright_api(), {"width": width, "height": height}
-        options: Any = {"viewport": view, "offline": True, "service_workers": "block"}
-        if self._browser is not None:
-            # This call fails if the browser has crashed since the last image. Then the code below
-            # starts it again.
-            with suppress(api.Error):
-                return await self._browser.new_context(**options)
-        launching = launch_options()
-        self._playwright = self._playwright or await api.async_playwright().start()
-        try:
-            self._browser = await self._playwright.chromium.launch(**launching)
-        except api.Error as error:
-            why, path = _first_line(error), launching["executable_path"]
-            raise RendererError(
-                f"Chromium did not start: {why}. Try to reinstall {path}, or --renderer resvg"
-            ) from error
-        return await self._browser.new_context(**options)
-
-
-# The process id is the key of the cache. So a forked process starts a browser of its own, because
-# the existing browser and its thread belong to the parent.
-@cache
-def _browser(process_id: int) -> _Browser:
-    return _Browser()
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().partition("\n")[0] or type(error).__name__
+    except api.Error as error:
+        reason = str(error).strip().partition("\n")[0] or type(error).__name__
+        raise RendererError(
+            f"Chromium cannot draw the SVG at {width}x{height} px: {reason}. Try to reinstall "
+            f"{launching['executable_path']}, or --renderer resvg"
+        ) from error
+    total /= np.float32(255 * len(_OFFSETS))
+    return straight(total[:, :, :3], total[:, :, 3]) if is_clear else total

@@ -99,13 +99,9 @@ def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[in
     return across, down
 
 
-def side_of(name: str, px: float) -> int:
-    """Return the width or height of a render in px, which may be a float that is whole.
-
-    Raise InputError if it is not a whole number of at least 1 px.
-    """
-    whole = int(px) if isinstance(px, float) and px.is_integer() else px
-    return Field(name, int, 1, MOST_PIXELS).checked(whole)
+def side_of(name: str, px: int) -> int:
+    """Return a side of a render in px. Raise InputError if it is not an integer of at least 1."""
+    return Field(name, int, 1, MOST_PIXELS).checked(px)
 
 
 MOST_SIDE = 768  # the longer side of a frame is at most this number of px

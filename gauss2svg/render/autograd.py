@@ -6,7 +6,7 @@ that the Gaussians are drawn over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -61,8 +61,9 @@ class _FastRender(torch.autograd.Function):
     def forward(ctx: Any, *arguments: Any) -> torch.Tensor:
         *tensors, height, width, ctx.additive = arguments
         ctx.save_for_backward(*tensors)
-        splats = _splats(*tensors)._replace(additive=ctx.additive)
-        image = render_planar(splats, height, width, _precision(tensors))
+        is_double = all(tensor.dtype == torch.float64 for tensor in tensors)
+        ctx.real = np.float64 if is_double else np.float32
+        image = render_planar(_splats(ctx.additive, *tensors), height, width, ctx.real)
         return torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, 0, -1)))
 
     @staticmethod
@@ -71,50 +72,44 @@ class _FastRender(torch.autograd.Function):
         ctx: Any, *grad_outputs: torch.Tensor
     ) -> tuple[Any, ...]:
         mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
-        real = _precision(ctx.saved_tensors)
         # The kernels return the product of the opacity and its gradient. At opacity 0 it says
         # nothing about the gradient, so smaller opacities are raised. Ten thousand shapes of the
-        # raised opacity change no pixel of an image of this dtype.
-        raised_opacity = opacity.double().clamp(min=1e-12 if real is np.float32 else 1e-20)
+        # raised opacity change no pixel of an image of this dtype, and no other gradient.
+        opacity = opacity.double().clamp(min=1e-12 if ctx.real is np.float32 else 1e-20)
         # If beta is exactly 1, the kernels do not compute the gradient of the exponent. So use the
         # next number above 1.
-        shifted_beta = beta.double()
         if ctx.needs_input_grad[6]:
-            shifted_beta = torch.where(shifted_beta == 1, np.nextafter(1, 2), shifted_beta)
-        splats = _splats(mean, sigma, rho, color, raised_opacity, background, shifted_beta)
-        splats = splats._replace(additive=ctx.additive)
-        gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
-        moments = torch.from_numpy(moments_of_gradient(splats, gradient))
-        by_opacity = moments[:, 5] / raised_opacity
-        # The gradients of the other parameters are proportional to the opacity. The kernels have
-        # computed them for the raised opacity, so scale them to the true opacity.
-        moments *= (opacity.double() / raised_opacity)[:, None]
+            beta = torch.where(beta == 1, np.nextafter(1, 2), beta.double())
+        splats = _splats(ctx.additive, mean, sigma, rho, color, opacity, background, beta)
+        by_pixel = grad_outputs[0].detach()
+        planar = np.ascontiguousarray(np.moveaxis(by_pixel.numpy(), -1, 0), ctx.real)
+        moments = torch.from_numpy(moments_of_gradient(splats, planar))
+        behind = by_pixel.double()
+        if not ctx.additive:
+            # The light that all shapes together let through is the render of black ones on white.
+            black = splats.opacity_color * [1.0, 0.0, 0.0, 0.0]
+            black = splats._replace(opacity_color=black, background=np.ones(3), ground=None)
+            _, height, width = planar.shape
+            through = render_planar(black, height, width, ctx.real)
+            behind = behind * torch.from_numpy(through).movedim(0, -1)
         gradients = (
-            *_by_shape(moments[:, :5], sigma.double(), rho.double()),
-            moments[:, 6:9],
-            by_opacity,
-            torch.from_numpy(_by_background(splats, gradient)).sum_to_size(background.shape),
-            -moments[:, 9],
-        )
+            *_by_shape(moments[:, :5], sigma.double(), rho.double()), moments[:, 6:9],
+            moments[:, 5] / opacity, behind.sum_to_size(background.shape), -moments[:, 9],
+        )  # fmt: skip
         typed = (g.to(t.dtype) for g, t in zip(gradients, ctx.saved_tensors, strict=True))
         return (*typed, None, None, None)
 
 
-def _precision(tensors: Sequence[torch.Tensor]) -> type[np.floating]:
-    return np.float64 if all(t.dtype == torch.float64 for t in tensors) else np.float32
-
-
-def _splats(*tensors: torch.Tensor) -> Splats:
+def _splats(additive: bool, *tensors: torch.Tensor) -> Splats:
     mean, sigma, rho, color, opacity, background, beta = (
         tensor.detach().to(torch.float64).numpy() for tensor in tensors
     )
+    is_picture = background.ndim == 3
     splats = splats_from(
-        mean, sigma, rho, whitening_of(sigma, rho),
-        color=color, opacity=opacity, beta=beta, background=background,
+        mean, sigma, rho, whitening_of(sigma, rho), color=color, opacity=opacity, beta=beta,
+        background=np.zeros(3) if is_picture else background, additive=additive,
     )  # fmt: skip
-    if background.ndim == 1:
-        return splats
-    return splats._replace(background=np.zeros(3), ground=np.moveaxis(background, -1, 0))
+    return splats._replace(ground=np.moveaxis(background, -1, 0) if is_picture else None)
 
 
 def _by_shape(
@@ -130,24 +125,6 @@ def _by_shape(
     by_mean = torch.stack([(m1 - rho / k * m2) / sx, m2 / (sy * k)], dim=1)
     by_sigma = torch.stack([(m11 - rho / k * m12) / sx, (m22 + rho / k * m12) / sy], dim=1)
     return by_mean, by_sigma, (m12 - rho / k * m22) / k
-
-
-def _by_background(splats: Splats, gradient: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the gradient (h, w, 3) of the loss with respect to the background of each pixel.
-
-    It is the gradient (3, h, w) of the render times the transmittance of all shapes together. This
-    transmittance is the render of black shapes on white, or 1 with additive blending.
-    """
-    by_pixel = np.moveaxis(gradient, 0, -1).astype(np.float64)
-    if splats.additive:
-        return by_pixel
-    black = splats._replace(
-        opacity_color=splats.opacity_color * [1.0, 0.0, 0.0, 0.0],
-        background=np.ones(3), ground=None,
-    )  # fmt: skip
-    _, height, width = gradient.shape
-    transmittance = render_planar(black, height, width, gradient.dtype.type)
-    return by_pixel * np.moveaxis(transmittance, 0, -1)
 
 
 def fast_composite(
@@ -172,8 +149,11 @@ def fast_composite(
     with beta < 1 stays finite at the mean. Raise InputError for values outside the domain
     (gauss2svg.render.reference.shapes_of).
     """
-    shapes = shapes_of(mean, sigma, rho, color, background, height, width, opacity, beta)
-    return _rendered(shapes, int(height), int(width), additive=False)
+    shapes = shapes_of(
+        height, width, mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity,
+        background=background, beta=beta,
+    )  # fmt: skip
+    return _FastRender.apply(*shapes, height, width, False)  # pyright: ignore[reportReturnType]
 
 
 def fast_accumulate(
@@ -189,13 +169,7 @@ def fast_accumulate(
 
     `fast_composite` describes the tensors, the gradients and the errors.
     """
-    shapes = shapes_of(mean, sigma, rho, color, background, height, width)
-    return _rendered(shapes, int(height), int(width), additive=True)
-
-
-def _rendered(
-    shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
-) -> torch.Tensor:
-    image = _FastRender.apply(*shapes, height, width, additive)
-    assert isinstance(image, torch.Tensor)
-    return image
+    shapes = shapes_of(
+        height, width, mean=mean, sigma=sigma, rho=rho, color=color, background=background
+    )
+    return _FastRender.apply(*shapes, height, width, True)  # pyright: ignore[reportReturnType]

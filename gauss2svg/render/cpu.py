@@ -71,8 +71,8 @@ Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64
 class Splats(NamedTuple):
     """Arrays of n Gaussians as the kernels read them: float64, bottom first.
 
-    mean, sigma, rho, radius  (n, 2), (n, 2), (n,) and (n,): the ellipses outside which the shapes
-                   are 0. find_pairs lists the tiles that these ellipses reach
+    ellipse        (n, 6) mean x, y, sigma x, y, rho and radius of the ellipses outside which the
+                   shapes are 0. find_pairs lists the tiles that these ellipses reach
     shape          (n, 11) mean x, y, whitening w11, w21, w22, beta, radius^2, o11, o21, o22 and
                    max_share. The last four are only for plain ellipses that cover shares of
                    pixels, and are 0 for other shapes. Such an ellipse covers at most the share
@@ -85,10 +85,7 @@ class Splats(NamedTuple):
                    background is below them
     """
 
-    mean: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    rho: NDArray[np.float64]
-    radius: NDArray[np.float64]
+    ellipse: NDArray[np.float64]
     shape: NDArray[np.float64]
     opacity_color: NDArray[np.float64]
     background: NDArray[np.float64]
@@ -140,10 +137,7 @@ def splats_from(
         factors = np.column_stack([w11 / v11, (w21 - v21 * w22 / v22) / v11, w22 / v22, max_share])
         outer = np.where(is_plain[:, None], factors, 0.0)
     return Splats(
-        mean,
-        sigma,
-        rho,
-        cut,
+        np.column_stack([mean, sigma, rho, cut]),
         np.column_stack([mean, whitening, beta, radius * radius, outer]),
         np.column_stack([opacity, color]),
         background,
@@ -193,16 +187,18 @@ def _visit(
         is_read = mode in (SQUARED_ERROR, REMOVAL)
         weight = np.ones(image.shape[1:] if is_read else (1, 1), image.dtype)
     weight = np.ascontiguousarray(weight, image.dtype)
-    pairs = find_pairs(splats.mean, splats.sigma, splats.rho, splats.radius, *image.shape[1:])
-    tiles, work = len(pairs.work) - 1, pairs.work
-    out, loss = np.empty_like(image), np.zeros(tiles)
-    pair_out = np.empty((len(pairs.gaussian), pair_width), image.dtype)
-    row_count = int(work[-1] - TILE_HEIGHT * tiles)
-    totals = np.empty((len(splats.mean), pair_width))
+    pairs = find_pairs(splats.ellipse, *image.shape[1:])
+    offset, gaussian, rows, start, order, count = pairs
+    # The work on the tiles before each. A tile counts as TILE_HEIGHT more rows than it has, for the
+    # pixels of the image.
+    work = np.concatenate([[0], np.cumsum(count + TILE_HEIGHT)])
+    out, loss = np.empty_like(image), np.zeros(len(count))
+    pair_out = np.empty((len(gaussian), pair_width), image.dtype)
+    totals, row_count = np.empty((len(splats.ellipse), pair_width)), int(count.sum())
     background, ground = splats.background.astype(image.dtype), splats.ground
     if ground is not None:
         ground = np.ascontiguousarray(ground, image.dtype)
-    capacity = pairs.most_rows * TILE_WIDTH
+    capacity = int(count.max(initial=0)) * TILE_WIDTH
 
     def walk_share(share: int, shares: int) -> None:
         # A share is consecutive tiles, because neighbouring tiles write to the same lines of the
@@ -212,13 +208,13 @@ def _visit(
         buffers = np.empty(4 * capacity + 16, image.dtype)
         _walk_tiles(
             splats.additive, mode, first, end, *image.shape[1:], splats.shape,
-            splats.opacity_color, background, ground, image, weight, pairs.gaussian, pairs.rows,
-            pairs.start, pairs.order, buffers, capacity, pair_out, out, loss,
+            splats.opacity_color, background, ground, image, weight, gaussian, rows, start, order,
+            buffers, capacity, pair_out, out, loss,
         )  # fmt: skip
 
     def add_share(share: int, shares: int) -> None:
         first, end = (len(totals) * k // shares for k in (share, share + 1))
-        _add_pairs(first, end, pair_width, pairs.offset, pair_out, totals)
+        _add_pairs(first, end, pair_width, offset, pair_out, totals)
 
     # A thread pays for 16384 pair rows that are walked, or 65536 that are added.
     in_shares(walk_share, row_count // 16384)
@@ -240,9 +236,7 @@ def render_planar(
 
 
 def squared_error(
-    splats: Splats,
-    target: NDArray[Real],
-    weight: NDArray[Real] | None = None,
+    splats: Splats, target: NDArray[Real], weight: NDArray[Real] | None = None
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
     """Return the rendered image, its squared error, moments (n, MOMENTS) and number of pair rows.
 

@@ -16,6 +16,7 @@ number of Gaussians times the number of pixels, so use this renderer only for sm
 from __future__ import annotations
 
 from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 
@@ -33,8 +34,9 @@ except ImportError as error:
         'the differentiable renderer needs PyTorch. Try pip install "gauss2svg[torch]"'
     ) from error
 
-_DOMAIN = {parameter.name: (parameter.least, parameter.most) for parameter in PARAMETERS}
-_DOMAIN |= dict.fromkeys(("color", "background"), (-MOST_SIGNED, MOST_SIGNED))
+_BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+# Arguments of `_blended` that are tensors, in their order.
+_NAMES = ("mean", "sigma", "rho", "color", "opacity", "background", "beta")
 
 
 def composite(
@@ -55,8 +57,11 @@ def composite(
     Gaussians. All tensors must have the same dtype and device, which are also those of the image.
     Raise InputError for values outside the domain (see shapes_of).
     """
-    shapes = shapes_of(mean, sigma, rho, color, background, height, width, opacity, beta)
-    return _blended(shapes, int(height), int(width), additive=False)
+    shapes = shapes_of(
+        height, width, mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity,
+        background=background, beta=beta,
+    )  # fmt: skip
+    return _blended(shapes, height, width, additive=False)
 
 
 def accumulate(
@@ -73,8 +78,10 @@ def accumulate(
     The order of the Gaussians does not matter. Colours (n, 3) are signed. Otherwise the arguments,
     dtypes, devices and errors are as in `composite`.
     """
-    shapes = shapes_of(mean, sigma, rho, color, background, height, width)
-    return _blended(shapes, int(height), int(width), additive=True)
+    shapes = shapes_of(
+        height, width, mean=mean, sigma=sigma, rho=rho, color=color, background=background
+    )
+    return _blended(shapes, height, width, additive=True)
 
 
 def _blended(
@@ -174,54 +181,39 @@ def render_reference(
     return image.clamp(0, 1) if additive else image
 
 
-def shapes_of(
-    mean: torch.Tensor,
-    sigma: torch.Tensor,
-    rho: torch.Tensor,
-    color: torch.Tensor,
-    background: torch.Tensor,
-    height: int,
-    width: int,
-    opacity: torch.Tensor | None = None,
-    beta: torch.Tensor | None = None,
-) -> tuple[torch.Tensor, ...]:
-    """Check the tensors, and return mean, sigma, rho, color, opacity, background and beta.
+def shapes_of(height: int, width: int, **tensors: Any) -> tuple[torch.Tensor, ...]:
+    """Check tensors by their names, and return them as the list _NAMES orders them.
 
     height, width  sides of the image, which a picture as the background must have
 
-    If opacity or beta is None, it becomes 1 for all shapes. Raise InputError if a tensor has a
-    wrong shape, and if an element is not finite or is outside the domain of its parameter. The
-    domains are those of gauss2svg.scene.scene.Scene, except that colours may be signed with both
-    blends.
+    If opacity or beta is None or missing, it becomes 1 for all shapes. Raise InputError if a tensor
+    has a wrong shape, and if an element is not finite or is outside the domain of its parameter.
+    The domains are those of gauss2svg.scene.scene.Scene, except that colours may be signed with
+    both blends.
     """
-    height, width = side_of("height", height), side_of("width", width)
-    shapes = {
-        "mean": mean, "sigma": sigma, "rho": rho, "color": color,
-        "opacity": torch.ones_like(rho) if opacity is None else opacity,
-        "background": background, "beta": torch.ones_like(rho) if beta is None else beta,
-    }  # fmt: skip
-    for name, tensor in shapes.items():
-        wide = {"mean": (2,), "sigma": (2,), "color": (3,)}.get(name, ())
-        allowed = [(len(mean), *wide)]
-        if name == "background":
-            allowed = [(3,), (height, width, 3)]
+    side_of("height", height)
+    side_of("width", width)
+    shapes = []
+    for name in _NAMES:
+        tensor = tensors.get(name)
+        if tensor is None:
+            tensor = torch.ones_like(tensors["rho"])
+        allowed, least, most = [(3,), (height, width, 3)], -MOST_SIGNED, MOST_SIGNED
+        if parameter := _BY_NAME.get(name):
+            allowed = [parameter.shape(len(tensors["mean"]))]
+            if name != "color":
+                least, most = parameter.least, parameter.most
         if tuple(tensor.shape) not in allowed:
             needed = f"of shape {' or '.join(map(str, allowed))}"
             raise refusal(name, needed, str(tuple(tensor.shape)))
-        _check_domain(name, tensor)
-    return tuple(shapes.values())
-
-
-def _check_domain(name: str, tensor: torch.Tensor) -> None:
-    least, most = _DOMAIN[name]
-    values = tensor.detach().to("cpu", torch.float64).numpy()
-    # float32 rounds bounds such as 1e-9 by up to 6e-8 of their size.
-    bad = ~((values >= least - 1e-7 * abs(least)) & (values <= most + 1e-7 * abs(most)))
-    bad |= (np.abs(values) >= 1) & (name == "rho")
-    if bad.any():
-        at = tuple(int(i) for i in np.argwhere(bad)[0])
-        needed = f"finite and in {least!r}..{most!r}"
-        raise refusal(f"{name}{list(at)}", needed, str(values[at]), "clamping it")
+        # The bounds are rounded to the dtype of the tensor, which makes the largest rho 1.
+        bad = ~(tensor.isfinite() & (tensor >= least) & (tensor <= most))
+        bad |= (tensor.abs() >= 1) & (name == "rho")
+        if bad.any():
+            needed = f"finite and in {least!r}..{most!r}"
+            raise refusal(name, needed, str(tensor[bad][0].item()), "clamping it")
+        shapes.append(tensor)
+    return tuple(shapes)
 
 
 def below_one(dtype: torch.dtype) -> float:

@@ -8,8 +8,8 @@ pixels each.
 The kernels compute in float32. They go from one row of a pair to the next by adding
 w22 = 1 / (sy sqrt(1 - rho^2)) to the whitened offsets (`across` of gauss2svg/core/gaussians.h).
 Over 8 rows, rounding changes the offsets by up to 1e-6 w22, which is too much for very thin shapes.
-So shapes thinner than LEAST_STEPPED are split into pairs of one row each, which need no such
-addition. The shapes of a fit are far wider.
+So shapes thinner than 1/64 px are split into pairs of one row each, which need no such addition.
+The shapes of a fit are far wider.
 
 Kernels compute in one thread. ctypes releases Python's global lock, so ordinary Python threads can
 run them at the same time.
@@ -18,8 +18,7 @@ run them at the same time.
 import os
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
-from typing import NamedTuple
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,31 +30,13 @@ from gauss2svg.core import Kernel
 # the variable, its value is kept.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-_find_strip_rows = Kernel("find_strip_rows", "int int float float int float64 int64 int64 int64")
 _list_pairs = Kernel(
-    "list_pairs",
-    "int int int int int64 int64 int64 int64 int64 int32 int32 int32 int64 int64 int32",
-)
+    "list_pairs", "int int int float64 int64 int64 int64 int32 int32 int32"
+)  # fmt: skip
 
-_pool: ThreadPoolExecutor
 # Number of cores that this process may use.
 CORES = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 threads = CORES  # threads that in_shares uses. Only Run changes it, under the lock of the kernels
-
-
-def _make_pool() -> None:
-    """Make the pool that `in_shares` uses. Its threads start when they are first needed."""
-    global _pool
-    # The pool has a thread for each core. A single call of in_shares would need one thread less,
-    # because the thread that calls it does one share itself. But several threads may call in_shares
-    # at the same time.
-    _pool = ThreadPoolExecutor(os.cpu_count(), "gauss2svg-kernel")
-
-
-_make_pool()
-# The child of a fork does not have the threads of the pool, so it must have a pool of its own.
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_make_pool)
 
 
 def in_shares(work: Callable[[int, int], object], max_shares: int) -> None:
@@ -66,106 +47,48 @@ def in_shares(work: Callable[[int, int], object], max_shares: int) -> None:
     no other thread is needed.
     """
     shares = max(1, min(threads, max_shares))
-    others = [_pool.submit(work, share, shares) for share in range(1, shares)]
-    try:
+    if shares == 1:
+        work(0, 1)
+        return
+    # The threads end with the call. Starting them takes a tenth of a millisecond.
+    with ThreadPoolExecutor(shares - 1, "gauss2svg-kernel") as pool:
+        others = [pool.submit(work, share, shares) for share in range(1, shares)]
         work(0, shares)
-    finally:
-        wait(others)
     for other in others:
         other.result()
 
 
 # Width of a tile in px. 16 numbers of float32 fill one register of 512 bits, or two of 256 bits.
 TILE_WIDTH = 16
-TILE_BITS = 4
-TILE_HEIGHT = 1 << TILE_BITS
-# A shape is thin if its width sy sqrt(1 - rho^2) along a column is less than this number of px.
-# Each pair of a thin shape has only one row, because rounding would make steps from one row to the
-# next too inexact.
-LEAST_STEPPED = 1 / 64
-
-
-class Pairs(NamedTuple):
-    """The p pairs of n Gaussians and the tiles of a canvas.
-
-    A pair is the part of one Gaussian on consecutive rows of one tile. The pairs are stored
-    Gaussian by Gaussian. `order` lists them tile by tile.
-
-    offset     (n + 1,) int64: Gaussian i has the pairs offset[i]:offset[i + 1]
-    gaussian   (p,) int32: index of the Gaussian of each pair
-    rows       (p, 2) int32: first image row of each pair, and the row after its last row
-    start      (tiles + 1,) int64: the pairs of tile t are order[start[t]:start[t + 1]]
-    order      (p,) int32: indices of pairs, tile by tile. Within a tile they are listed from front
-               to back: the topmost Gaussian is first
-    work       (tiles + 1,) int64: work[t] is the work on the tiles before t, in pair rows. A tile
-               counts as TILE_HEIGHT more rows than it has, for the pixels of the image
-    most_rows  largest number of pair rows in a tile
-    """
-
-    offset: NDArray[np.int64]
-    gaussian: NDArray[np.int32]
-    rows: NDArray[np.int32]
-    start: NDArray[np.int64]
-    order: NDArray[np.int32]
-    work: NDArray[np.int64]
-    most_rows: int
+TILE_HEIGHT = 16
 
 
 def find_pairs(
-    mean: NDArray[np.float64],
-    sigma: NDArray[np.float64],
-    rho: NDArray[np.float64],
-    radius: NDArray[np.float64],
-    height: int,
-    width: int,
-) -> Pairs:
-    """Return the pairs of n Gaussians on a canvas of height x width px.
+    ellipse: NDArray[np.float64], height: int, width: int
+) -> tuple[NDArray[np.int64 | np.int32], ...]:
+    """Return the p pairs of n Gaussians and the tiles of a canvas of height x width px.
 
-    mean (n, 2) and sigma (n, 2) are in px, and rho is (n,). radius (n,) is the Mahalanobis distance
-    at which each Gaussian is cut off.
+    ellipse: (n, 6) mean x, y and sigma x, y in px, rho, and the Mahalanobis distance at which each
+    Gaussian is cut off.
+
+    A pair is the part of one Gaussian on consecutive rows of one tile. The pairs are stored
+    Gaussian by Gaussian. Six arrays are returned:
+
+    offset    (n + 1,) int64: Gaussian i has the pairs offset[i]:offset[i + 1]
+    gaussian  (p,) int32: index of the Gaussian of each pair
+    rows      (p, 2) int32: first image row of each pair, and the row after its last row
+    start     (tiles + 1,) int64: the pairs of tile t are order[start[t]:start[t + 1]]
+    order     (p,) int32: indices of pairs, tile by tile. Within a tile they are listed from front
+              to back: the topmost Gaussian is first
+    count     (tiles,) int64: number of pair rows in each tile
     """
-    count = len(mean)
-    columns = -(-width // TILE_WIDTH)
-    tiles = columns * -(-height // TILE_HEIGHT)
-    # A strip is the part of one Gaussian that lies in one column of tiles.
-    left, right = (mean[:, 0] + sign * sigma[:, 0] * radius for sign in (-1, 1))
-    # Clip before the conversion to int, because means may lie far off the canvas.
-    column, last = (
-        np.clip(x, 0, most).astype(np.int64) // TILE_WIDTH
-        for x, most in ((left, width), (right, width - 1))
-    )
-    strip_count = np.where((right >= 0) & (left <= width), last + 1 - column, 0)
-    strip = np.zeros(count + 1, np.int64)
-    np.cumsum(strip_count, out=strip[1:])
-    strip_rows = np.empty((strip[-1], 2), np.int64)
-    shape = np.column_stack([mean, sigma, rho, radius])
-    in_shares(
-        lambda share, shares: _find_strip_rows(
-            count * share // shares,
-            count * (share + 1) // shares,
-            height,
-            width,
-            TILE_WIDTH,
-            shape,
-            column,
-            strip,
-            strip_rows,
-        ),
-        count // 512,  # a thread of its own is worth this number of Gaussians
-    )
-    thin = sigma[:, 1] * np.sqrt((1 - rho) * (1 + rho)) < LEAST_STEPPED
-    bits = np.where(thin, 0, TILE_BITS)  # a pair of Gaussian i has at most 2^bits[i] rows
-    first, end = strip_rows.T
-    shift = np.repeat(bits, strip_count)
-    total = int(np.where(end > first, ((end - 1) >> shift) - (first >> shift) + 1, 0).sum())
-    offset, start = np.zeros(count + 1, np.int64), np.zeros(tiles + 1, np.int64)
-    gaussian, tile, order = (np.empty(total, np.int32) for _ in range(3))
-    rows = np.empty((total, 2), np.int32)
-    tile_rows = np.zeros(tiles, np.int64)
-    _list_pairs(
-        count, columns, tiles, TILE_BITS, bits, column, strip, strip_rows, offset, gaussian, tile,
-        rows, start, tile_rows, order,
-    )  # fmt: skip
-    work = np.zeros(tiles + 1, np.int64)
-    np.cumsum(tile_rows + TILE_HEIGHT, out=work[1:])
-    return Pairs(offset, gaussian, rows, start, order, work, int(tile_rows.max(initial=0)))
+    count, tiles = len(ellipse), -(-width // TILE_WIDTH) * -(-height // TILE_HEIGHT)
+    offset = np.zeros(count + 1, np.int64)
+    tile_rows, tile_pairs = np.zeros(tiles, np.int64), np.zeros(tiles, np.int64)
+    own = count, height, width, ellipse, offset, tile_rows
+    _list_pairs(*own, tile_pairs, None, None, None)
+    start = np.concatenate([[0], np.cumsum(tile_pairs)])
+    gaussian, order = np.empty((2, offset[-1]), np.int32)
+    rows = np.empty((offset[-1], 2), np.int32)
+    _list_pairs(*own, start[1:].copy(), gaussian, rows, order)
+    return offset, gaussian, rows, start, order, tile_rows

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from levels import LEVELS, PACKAGE, printed
 
-from gauss2svg.core import Kernel
 from gauss2svg.fit.placement import components_of
 
 # Prints a digest of pictures, gradients, costs, steps and areas. Scenes have all forms of shapes,
@@ -89,12 +88,6 @@ def test_another_word_than_a_level_is_refused_in_one_line(tmp_path):
 def test_arrays_that_c_would_read_wrongly_are_refused(levels):
     with pytest.raises(TypeError, match="number_components needs a C-contiguous array of int"):
         components_of(levels)
-
-
-def test_arrays_of_two_precisions_are_refused():
-    add = Kernel("add_pairs", "int int int int64 real real")
-    with pytest.raises(TypeError, match="needs a C-contiguous array of float32"):
-        add(0, 0, 1, np.zeros(1, np.int64), np.zeros((0, 1), np.float32), np.zeros((0, 1)))
 
 
 @pytest.mark.sweep

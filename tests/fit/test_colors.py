@@ -81,25 +81,6 @@ def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
     assert (opacity > 0.9999).any()
 
 
-def test_steps_keep_shared_colours_shared_and_go_down():
-    pixels = np.random.default_rng(1).random((45, 60, 3)).astype(np.float32)
-    population = session_of(pixels, fit_config(60, 10)).population
-    scene = quantize(random_scene(60, 60, 45, 5, (1, 8), (1, 8)), palette=12)
-    plain = is_plain(scene).sum()  # each plain ellipse has a colour of its own
-    population.state = State.of_scene(scene)
-    before = population.state.color.copy()
-    population.quantize(lambda scene, psnr: scene, 30.0)
-    errors = []
-    for _ in range(10):
-        evaluated = population.evaluate(population.splats())
-        errors.append(evaluated.error)
-        population.step(population.splats(), evaluated, 0.3)
-    assert errors[-1] < errors[0]
-    color, shared = population.state.color, population.shared
-    assert len(np.unique(shared)) == len(np.unique(color, axis=0)) == 12 + plain
-    assert (color != before).any(axis=1).mean() > 0.9
-
-
 INKS = "#f7c306,#c0322c,#17324d"
 
 
@@ -147,17 +128,6 @@ def test_number_of_inks_is_chosen_for_the_picture_and_unseen_inks_are_named(pict
     more = vectorize(picture, gaussians=20, iterations=20, inks=f"#00ff00,#ff00ff,{INKS}")
     said = "not used: #00ff00, #ff00ff of the inks"
     assert any(note.startswith(said) for note in more.report["notes"])
-
-
-@pytest.mark.sweep
-def test_bytes_and_psnr_are_held(picture):
-    part = picture[:48, :48]
-    small = vectorize(part, max_bytes=900, iterations=60, inks=INKS)
-    assert len(small.svg) <= 900
-    assert small.scene.inks is not None
-    aimed = vectorize(part, target_psnr=24, iterations=60, inks=INKS)
-    assert not aimed.report["unreached"]
-    assert aimed.report["psnr_svg"] > 23.9
 
 
 def test_a_picture_in_inks_is_the_same_in_any_bands(picture):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from flat import fit_config, session_of, vectorize
 
-from gauss2svg.fit.session import DivergenceGuard, fit
+from gauss2svg.fit.schedule import DivergenceGuard
+from gauss2svg.fit.session import fit
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.scene import BLENDS
@@ -38,21 +39,11 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate):
     assert psnr_of(result.scene, photo) > psnr_of(usual.scene, photo) - 3
 
 
-def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(photo, monkeypatch):
+def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(photo):
     photo = photo[:48, :48]
     report = vectorize(photo, gaussians=30, iterations=30, learning_rate=100).report
     assert report["rollbacks"] > 0
     assert any("diverged" in note and "best state" in note for note in report["notes"])
-    # A usual rate does not diverge: here every loss that falls by less than a tenth has diverged.
-    observe = DivergenceGuard.observe
-    monkeypatch.setattr(
-        DivergenceGuard,
-        "observe",
-        lambda self, loss, *more: loss < 0.9 * self._recent_least and observe(self, loss, *more),
-    )
-    usual = vectorize(photo, gaussians=30, iterations=30).report
-    assert usual["rollbacks"] > 0
-    assert not any("diverged" in note for note in usual["notes"])
 
 
 def test_worse_last_steps_are_rolled_back(photo, monkeypatch):
@@ -79,15 +70,3 @@ def test_guard_rolls_back_to_the_best_state_where_the_loss_rises_and_shows():
     assert relocating.observe(5.0, 0.5, copy)
     assert invisible.observe(1e-9, 1e-10, copy)
     assert invisible.observe(1e-6, 1e-7, copy)
-
-
-def test_finished_fit_continues_in_small_steps_that_grow():
-    guard = DivergenceGuard()
-    guard.begin_gently()
-    rates = [guard.rate]
-    while guard.rate < 1 and len(rates) < 50:
-        assert guard.observe(1.0, 1.0, object)
-        rates.append(guard.rate)
-    assert rates[0] == 0.25
-    assert rates == sorted(rates)
-    assert 10 < len(rates) < 20

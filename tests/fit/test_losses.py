@@ -11,7 +11,6 @@ from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import fit
 from gauss2svg.fit.target import Target, image_gradient, structural_similarity
 from gauss2svg.render.cpu import moments_of_gradient, splats_of
-from gauss2svg.scene import Scene
 
 
 def planes(height: int, width: int, dtype: type = np.float64, channels: int = 3):
@@ -64,7 +63,7 @@ def test_loss_gradient_is_that_of_finite_differences(loss, size, focused):
 @pytest.mark.parametrize("loss", ["mse", own_loss])
 def test_squared_error_has_no_weights_but_the_default_has(loss):
     _, planar = planes(30, 40)
-    scene, target = random_scene(40, 30, 9), Target(np.moveaxis(planar, 0, -1), "psnr", np.float64)
+    scene, target = random_scene(40, 30, 9), Target(np.moveaxis(planar, 0, -1), "psnr")
     splats = splats_of(scene)
     evaluated = target.evaluate(splats, loss, None)
     [image] = evaluated.rendered
@@ -92,20 +91,6 @@ def test_a_function_that_is_no_loss_is_refused(answer, message):
         fit(pixels, fit_config(3, 5, loss=lambda render, target: answer))
 
 
-@pytest.mark.parametrize("loss", ["mse", "l1"])
-@pytest.mark.parametrize("weight", [0.3])
-def test_pixel_losses_are_means_over_all_values(loss, weight):
-    rendered, target = planes(12, 14)
-    pixel, by_pixel = image_gradient(loss, rendered, target)
-    difference = np.abs(rendered - target) if loss == "l1" else (rendered - target) ** 2
-    assert pixel == pytest.approx(difference.mean())
-    value, gradient = image_gradient(f"{loss}+ssim", rendered, target, weight)
-    structure, by_structure = image_gradient(f"{loss}+ssim", rendered, target, 1.0)
-    assert value == pytest.approx((1 - weight) * pixel + weight * structure)
-    expected = (1 - weight) * by_pixel + weight * by_structure
-    np.testing.assert_allclose(gradient, expected, atol=1e-12)
-
-
 def chequered(height, width, contrast, cell=1) -> np.ndarray:
     """Grey pixels (height, width, 3); with cells of 1 px their variance is contrast (width,)^2."""
     y, x = np.mgrid[:height, :width] // cell
@@ -116,13 +101,6 @@ def chequered(height, width, contrast, cell=1) -> np.ndarray:
 def half_flat(cell=4) -> np.ndarray:
     """Pixels (64, 64, 3), textured in the right half; psnr takes cells of 1 px for flat as well."""
     return chequered(64, 64, np.where(np.arange(64) < 32, 0.0, 0.4), cell)
-
-
-def spots(x, y, size=64, **more) -> Scene:
-    """Grey Gaussians at (x, y) on white."""
-    n = len(x)
-    given = {"sigma": np.full((n, 2), 3.0), "color": np.full((n, 3), 0.5), **more}
-    return Scene(size, size, np.column_stack([x, y]), rho=[0] * n, opacity=[0.9] * n, **given)
 
 
 def population(pixels, scene=None, **given) -> Population:
@@ -174,24 +152,3 @@ def test_gaussians_are_pruned_by_the_decibels_of_the_weighted_error(tune):
     fitted.prune(least)
     np.testing.assert_array_equal(fitted.state.mean, whole.mean[gains > least])
     assert 0 < len(fitted) < 40
-
-
-@pytest.mark.parametrize("factor", [2, 4])
-def test_moments_of_a_reduced_refinement_are_those_of_its_own_gradients(factor):
-    x = np.mgrid[:64, :64][1] / 64
-    pixels = np.stack([x, 1 - x, 0 * x], axis=-1).astype(np.float32)  # of one luma: of one weight
-    fitted = population(pixels, spots([20, 40], [30, 36], sigma=np.full((2, 2), 9.0)))
-
-    def gradient() -> np.ndarray:
-        return fitted.target.evaluate(fitted.splats(), "mse", None).moments
-
-    full = gradient()
-    fitted.state.adam_m, fitted.state.adam_v = full, np.square(full)
-    fitted.reduce_to(factor, scale_moments=True)
-    reduced = gradient()
-    scale = np.abs(reduced).max()
-    np.testing.assert_allclose(fitted.state.adam_m, reduced, atol=0.05 * scale)
-    np.testing.assert_allclose(fitted.state.adam_v, reduced**2, atol=0.05 * scale**2)
-    fitted.reduce_to(1, scale_moments=True)
-    np.testing.assert_allclose(fitted.state.adam_m, full)
-    np.testing.assert_allclose(fitted.state.adam_v, full**2)

@@ -6,7 +6,7 @@ from scipy.ndimage import uniform_filter
 from skimage import data
 from skimage.color import rgb2lab
 
-from gauss2svg.measure.metrics import box_mean, chroma, local_hue_error
+from gauss2svg.measure.metrics import local_hue_error
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo.pixels import views
 
@@ -15,22 +15,6 @@ PHOTO = data.astronaut()[40:219, 150:335].astype(np.float32) / 255  # 185x179 px
 NOISE = RNG.normal(0, 0.05, PHOTO.shape)
 NOISY = np.float32(np.round(255 * np.clip(PHOTO + NOISE, 0, 1))) / 255  # 8 bits, as rasters have
 GREY = np.full((150, 80, 3), 0.5, np.float32)
-
-
-def test_a_and_b_are_those_of_scikit_image():
-    levels = np.array([0, 1, 5, 40, 128, 254, 255], np.float32) / 255
-    colors = np.stack(np.meshgrid(levels, levels, levels), axis=-1)
-    assert chroma(colors) == pytest.approx(rgb2lab(colors)[..., 1:], abs=0.02)
-    # Between the 256 levels the table of linear light has 16 steps.
-    between = RNG.random((50, 50, 3)).astype(np.float32) ** 4
-    assert chroma(between) == pytest.approx(rgb2lab(between)[..., 1:], abs=0.1)
-
-
-@pytest.mark.parametrize(("shape", "window"), [((1, 1), 9), ((2, 3, 5), 3), ((40, 30), 13)])
-def test_means_over_boxes_are_those_of_scipy(shape, window):
-    planes = RNG.standard_normal(shape).astype(np.float32)
-    expected = uniform_filter(planes, window, axes=(-2, -1))
-    assert box_mean(planes, window) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("size", [(150, 20), (5, 7)])

