@@ -23,6 +23,7 @@ from gauss2svg.portable import dot, product
 
 PURE = 3  # px; a square of this size whose pixels have one colour is no mixture
 UNEXPLAINED = 0.0015  # squared error of a pixel that regions do not explain
+LEAST_HAIRLINE = 16  # px; length of a faint line
 FAINT = 0.0003  # the same, if a part has it evenly
 RIM = 2  # px around a part in which pixels are mixed of its colour and the ground
 SAME_COLOR = 6 * LEVEL  # largest difference of a part's colour from a paint that it takes
@@ -87,14 +88,9 @@ def add_letters(
             same = flat[-1:]
         paint = min(same, key=lambda p: _differences(longest.darkest, p))
         for letter in line:
-            ys, xs = letter.at
-            way = paint.color - paints[letter.region].at(xs, ys)
-            off = paint.color - pixels[ys, xs]
-            share = np.clip(1 - (off * way).sum(axis=1) / (way**2).sum(axis=1), 0, 1)
-            labels[ys, xs] = np.where(share > 0.5, len(paints), letter.region)
-            shares.label[ys, xs] = [len(paints), letter.region, -1]
-            shares.share[ys, xs] = np.stack([share, 1 - share, 0 * share], axis=1)
-            shares.error[ys, xs] = ((off - (1 - share)[:, None] * way) ** 2).sum(axis=1)
+            mixture = _mixture(pixels, letter.at, paint, paints[letter.region])
+            labels[letter.at] = np.where(mixture[0] > 0.5, len(paints), letter.region)
+            _mix(shares, letter.at, len(paints), letter.region, mixture)
             ground[letter.near] = letter.region
             paints.append(paint)
     return ground
@@ -192,6 +188,60 @@ def add_thin_regions(
         if len(paints) == before:
             break
     _add_parts(pixels, cores, labels, shares, paints, palette, FAINT)
+    _add_hairlines(pixels, cores, shares, paints)
+
+
+def _add_hairlines(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]) -> None:
+    """Give long lines that have little of each of their pixels the colour that these have.
+
+    They were explained as much thinner lines of a colour that is seen elsewhere. Faint lines are
+    more often a pixel wide, as those of grids and of maps.
+    """
+    order = np.argsort(-shares.share, axis=-1, kind="stable")
+    largest, second = (np.take_along_axis(shares.label, order, -1)[..., k] for k in (0, 1))
+    share = np.take_along_axis(shares.share, order, -1)[..., 1]
+    known: dict[Paint, int] = {}
+    number = np.array([known.setdefault(paint, len(known)) for paint in paints])
+    main, other = number[largest], number[second]
+    is_faint = (share > 0.06) & (share < 0.4) & (cores < 0) & (inside_of(main, 3) >= 0)
+    for k in np.unique(other[is_faint]):
+        is_faint &= (other != k) | ~dilated(main == k, 2)
+    part, boxes = parts_of(dilated(is_faint))
+    flat = [paint for paint in known if not paint.is_shaded]
+    for q, tight in enumerate(boxes, 1):
+        if max(side.stop - side.start for side in tight) < LEAST_HAIRLINE:
+            continue
+        at = pixels_of((part[tight] == q) & is_faint[tight], tight)
+        ground = paints[np.bincount(largest[at]).argmax()]
+        strength = ((pixels[at] - ground.at(*at[::-1])) ** 2).sum(axis=1)
+        color = np.median(pixels[at][strength >= np.percentile(strength, 75)], axis=0)
+        same = [paint for paint in flat if _differences(color, paint) <= SAME_COLOR]
+        paint = min(same or [Paint(color)], key=lambda paint: _differences(color, paint))
+        at = pixels_of((part[tight] == q) & (cores[tight] < 0), tight)
+        mixture = _mixture(pixels, at, paint, ground)
+        is_own = mixture[1] < shares.error[at] + UNEXPLAINED
+        at = at[0][is_own], at[1][is_own]
+        _mix(shares, at, len(paints), largest[at], mixture[:, is_own])
+        paints.append(paint)
+
+
+def _mixture(pixels: Floats, at: tuple[Ints, Ints], paint: Paint, ground: Paint) -> Floats:
+    """Return the shares (n,) of a paint in pixels that it and a ground mix to, and their errors."""
+    way = paint.color - ground.at(*at[::-1])
+    off = paint.color - pixels[at]
+    share = np.clip(1 - (off * way).sum(axis=1) / (way**2).sum(axis=1), 0, 1)
+    return np.stack([share, ((off - (1 - share)[:, None] * way) ** 2).sum(axis=1)])
+
+
+def _mix(
+    shares: Shares, at: tuple[Ints, Ints], name: int, under: Ints | int, mixture: Floats
+) -> None:
+    """Share pixels between the region `name` and the regions `under` it, as in a mixture."""
+    share, error = mixture
+    under = np.broadcast_to(under, share.shape)
+    shares.label[at] = np.stack([np.full_like(under, name), under, np.full_like(under, -1)], axis=1)
+    shares.share[at] = np.stack([share, 1 - share, 0 * share], axis=1)
+    shares.error[at] = error
 
 
 def _add_parts(

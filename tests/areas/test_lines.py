@@ -227,3 +227,16 @@ def test_points_between_digits_stay_though_no_pixel_has_their_colour(page):
         around = np.s_[int(y) - 2 : int(y) + 2, int(x) - 2 : int(x) + 2]
         light, expected = ((one[around] - np.array(page)).sum() for one in (drawn, picture))
         assert light == pytest.approx(expected, rel=0.5)
+
+
+def test_faint_lines_of_a_grid_are_drawn_as_they_are():
+    """They are nearly black mixed with white, so they might be lines of .13 px in black."""
+    rows = [line((20, y), (120, y)) for y in (30.5, 50.5, 70.5)]
+    columns = [line((x, 20), (x, 90)) for x in (40.5, 60.5, 80.5)]
+    frame = line((20, 20), (120, 20), (120, 90), (20, 90), closed=True)
+    grid = Area(tuple(rows + columns), (0.87, 0.87, 0.87), width=1.0)
+    picture = over([grid, Area((frame,), INK, width=1.4)], 1.0, 128)
+    result = find_areas(picture.astype(np.float32))
+    drawn = np.full_like(picture, result.background)
+    draw_areas(result.areas, drawn)
+    assert np.abs(drawn - picture)[24:86, 24:116].max() < 0.05
