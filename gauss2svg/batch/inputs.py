@@ -1,4 +1,7 @@
-"""Find the photos that folders, patterns, lists and URLs stand for, and name each of them once."""
+"""Find the photos that folders, patterns, lists and URLs stand for, and name each of them once.
+
+Files are on this machine, or in stores that fsspec can access, such as S3.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,87 @@ import sys
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
-from gauss2svg.batch.stores import file_system_of, is_url
-from gauss2svg.errors import InputError, on_one_line, quoted, refusal
-from gauss2svg.files import PATTERN, STANDARD_STREAM, is_pattern, reading, standard_stream, text_of
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, on_one_line, quoted, refusal
+from gauss2svg.files import (
+    PATTERN,
+    STANDARD_STREAM,
+    is_pattern,
+    make_folder,
+    reading,
+    reason_of,
+    standard_stream,
+    text_of,
+    write_atomically,
+)
 from gauss2svg.photo import SUFFIXES
+
+
+class _Local:
+    """Access to local files, by functions with the same names as in a file system of fsspec."""
+
+    open = staticmethod(open)
+    exists = staticmethod(os.path.exists)
+    size = staticmethod(os.path.getsize)
+
+    def cat_file(self, path: str) -> bytes:
+        return Path(path).read_bytes()
+
+    def ukey(self, path: str) -> str:
+        """Return text that changes with the file: its size and the time of its last change."""
+        status = os.stat(path)
+        return f"{status.st_size} {status.st_mtime_ns}"
+
+
+def is_url(path: str) -> bool:
+    """Return whether a name is a URL, such as s3://bucket/photo.jpg."""
+    return "://" in path
+
+
+@contextmanager
+def file_system_of(
+    name: str, verb: str = "read", kind: type[Gauss2SvgError] = InputError
+) -> Iterator[tuple[Any, str]]:
+    """Yield the file system of a path or URL, and the path in that file system.
+
+    An error of the with block is turned into an error of the class `kind`, whose message begins
+    with "cannot `verb`". Only a Gauss2SvgError and a MemoryError stay as they are.
+    """
+    advice = "the path or the URL of a photo, a folder, a glob or a list"
+    try:
+        if is_url(name):
+            advice = 'pip install "gauss2svg[s3]", or the package of another store'
+            from fsspec.core import url_to_fs
+
+            advice = "another URL, or the same command again"
+            fs, path = url_to_fs(name)
+            # Without this, files that are written after a listing would seem to be missing.
+            fs.dircache.use_listings_cache = False
+            yield fs, path
+        else:
+            yield _Local(), name
+    except (Gauss2SvgError, MemoryError):
+        raise
+    except Exception as error:  # stores raise exceptions of their own classes
+        raise kind(f"cannot {verb} {name}: {reason_of(error)}. Try {advice}") from error
+
+
+def write(root: str, name: str, data: bytes) -> None:
+    """Write the file `name` in the folder `root`, either the whole file or nothing.
+
+    Folders are created. Raise OutputError if the file cannot be written.
+    """
+    target = f"{root}/{name}"
+    if is_url(target):
+        with file_system_of(target, "write", OutputError) as (fs, path):
+            fs.pipe_file(path, data)
+    else:
+        make_folder(Path(target).parent)
+        write_atomically(target, data)
 
 
 def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:

@@ -51,6 +51,7 @@ class Task:
 
     Only a gallery prepares photos.
 
+    photo         photo of the run
     variant       variant of the run, or None if the task prepares a photo
     parameters    entries of the request besides those of the photo and the variant
     dependencies  values on which the result depends, besides those that are part of every key
@@ -73,8 +74,7 @@ class Task:
         """Argument of the function that does this task."""
         variant = self.variant
         tool = {"tool": variant.tool, "settings": dict(variant.settings)} if variant else {}
-        method = {name: self.entry[name] for name in ("file", "numbers") if self.entry}
-        return {"source": self.photo.path, **tool, **method, **self.parameters}
+        return {"source": self.photo.path, **tool, **self.entry, **self.parameters}
 
     @cached_property
     def key(self) -> str:
@@ -85,22 +85,13 @@ class Task:
         software = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
         # Other tools do not use the seed, so a record of another tool stays valid if it changes.
         seed = self.columns["seed"] if self.variant and self.variant.is_own else None
-        method = self.entry.get("digest"), self.entry.get("numbers")
-        parts = [self.photo.digest, *software, self.variant, seed, *method, *self.dependencies]
-        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+        own = self.photo.digest, self.variant, seed, self.entry, self.dependencies
+        return hashlib.sha256(json.dumps([software, own]).encode()).hexdigest()
 
-    def record(self, answer: Mapping[str, Any]) -> Row:
-        """Return the record: photo, variant, date, machine, and the items of `answer`."""
-        return {
-            "key": self.key,
-            **(self.variant.columns if self.variant else {}),
-            "image": self.photo.name,
-            "image_sha256": self.photo.digest,
-            **self.columns,
-            "date": datetime.now(UTC).isoformat(timespec="seconds"),
-            "machine": machine(),
-            **answer,
-        }
+    @property
+    def name(self) -> str:
+        """Names of the photo and of the variant."""
+        return self.photo.name + (f", {self.variant.label}" if self.variant else "")
 
 
 class Progress(NamedTuple):
@@ -162,10 +153,11 @@ class Grid:
         def submitted(task: Task) -> Future[Row]:
             self._now.append(task)
             self._report()
-            if task.file is not None and task.file.exists():
-                # The file will be replaced, so its old record must not be used again, even if this
-                # run is interrupted.
-                add_row(self._path, task.record({"error": "it was interrupted"}))
+            if task.file is not None:
+                # The file of an earlier task is removed. If this run is interrupted, the record of
+                # that task must not be used for a file that has been replaced.
+                with writing(task.file):
+                    task.file.unlink(missing_ok=True)
             return pool.submit(record_or_error, make, task.request)
 
         self._report()
@@ -178,15 +170,24 @@ class Grid:
             self._now.remove(task)
             if "fatal" in answer:
                 raise OutputError(answer["error"])
-            self.records[task] = record = task.record(answer)
+            self.records[task] = record = {
+                "key": task.key,
+                **(task.variant.columns if task.variant else {}),
+                "image": task.photo.name,
+                "image_sha256": task.photo.digest,
+                **task.columns,
+                "date": datetime.now(UTC).isoformat(timespec="seconds"),
+                "machine": machine(),
+                **answer,
+            }
             add_row(self._path, record)
             yield record
             self._report()
 
     def _report(self) -> None:
         done = sum(map(bool, self.records.values()))
-        now = (t.photo.name + (f", {t.variant.name}" if t.variant else "") for t in self._now)
-        self._progress(Progress(done, self.total, self.kept, tuple(now)))
+        now = tuple(task.name for task in self._now)
+        self._progress(Progress(done, self.total, self.kept, now))
 
 
 def rows_in(path: Path) -> dict[str, Row]:
@@ -208,14 +209,9 @@ def rows_in(path: Path) -> dict[str, Row]:
 
 def add_row(path: Path, row: Row) -> None:
     """Append a row to a file of JSON lines, and flush it. Raise OutputError on failure."""
-    line = json.dumps(row, allow_nan=False).encode() + b"\n"
-    with writing(path), path.open("a+b") as stream:
-        if stream.tell():
-            # An interruption may have cut off the last line, so a line break is added if it is
-            # missing.
-            stream.seek(-1, os.SEEK_END)
-            stream.write(b"" if stream.read(1) == b"\n" else b"\n")
-        stream.write(line)
+    with writing(path), path.open("ab") as stream:
+        # An interruption may have cut off the last line, so a line break comes first.
+        stream.write(b"\n" + json.dumps(row, allow_nan=False).encode())
         stream.flush()
         os.fsync(stream.fileno())
 

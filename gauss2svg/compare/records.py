@@ -34,6 +34,11 @@ FILE_KEYS = (
     *COSTS, "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
     "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
 )  # fmt: skip
+# Further keys, whose values are None in the records of other tools.
+OWN_KEYS = (
+    "fit_width", "fit_height", "iterations", "rounds", "stop_reason", "threads",
+    "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs",
+)  # fmt: skip
 
 
 def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:

@@ -2,15 +2,14 @@
 
 The benchmark takes the scores and the cost from such a run, and a gallery takes the files.
 
-Each run of the benchmark, and each run of another tool, has its own process, so that its time and
-memory can be measured.
+Each run of another tool has its own process, so that its time and memory can be measured.
 """
 
 from __future__ import annotations
 
 import base64
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,6 +23,7 @@ from gauss2svg.compare.records import (
     COSTS,
     COUNTS,
     FILE_KEYS,
+    OWN_KEYS,
     PEERS,
     TOOL,
     convert_by,
@@ -86,42 +86,17 @@ def run(request: Request) -> Run:
     return _by_gauss2svg(request) if request["tool"] == TOOL else _by_peer(request)
 
 
-def measure_alone(request: Request) -> dict[str, Any]:
-    """Make a run in a new process, and return its record for the benchmark, or {"error": line}.
-
-    If gauss2svg makes the file, the new process also measures it. If another tool makes the file,
-    the new process only runs the tool, and this process measures the file.
-    """
-    is_own = request["tool"] == TOOL
-    return in_own_process(measure_run, request) if is_own else measure_run(request)
-
-
 def measure_run(request: Request) -> dict[str, Any]:
-    """Return the benchmark's record of a run that is made in this process."""
-    is_own = request["tool"] == TOOL
-    names = [*FILE_KEYS, *COUNTS]
-    if is_own:
-        names += [
-            "fit_width", "fit_height", "iterations", "rounds", "stop_reason", "threads",
-            "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
-        ]  # fmt: skip
+    """Return the benchmark's record of a run. Call this in a process of its own."""
     if request.get("file") == "":
         report, used = request["numbers"], {}
     else:
         finished = run(request)
         report = finished.report | finished.cost
-        used = {name: report[name] for name in AXES if is_own and name in report}
-    return {"used": request["settings"] | used, **{name: report.get(name) for name in names}}
-
-
-def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: float = 0.0) -> Any:
-    """Call a function in a new process, and return its record, or {"error": line}.
-
-    Raise WorkerDiedError if the process dies, and TimeoutError after timeout_s seconds. If
-    timeout_s is 0, there is no limit.
-    """
-    with Pool(1) as pool:
-        return pool.submit(record_or_error, function, *arguments, timeout=timeout_s).result()
+        used = {k: report[k] for k in AXES if k in report} if request["tool"] == TOOL else {}
+    names = (*FILE_KEYS, *COUNTS, *OWN_KEYS)
+    numbers = {name: report.get(name) for name in names} | {"versions": report.get("versions", {})}
+    return {"used": request["settings"] | used, **numbers}
 
 
 def _by_gauss2svg(request: Request) -> Run:
@@ -183,8 +158,10 @@ def _converted(
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
         png, output = Path(folder) / "photo.png", Path(folder) / f"output{PEERS[tool].suffix}"
         png.write_bytes(as_png(photo))
+        call = record_or_error, convert_by, tool, settings, png, output
         try:
-            cost = in_own_process(convert_by, tool, settings, png, output, timeout_s=limit_s)
+            with Pool(1) as pool:
+                cost = pool.submit(*call, timeout=limit_s).result()
         except TimeoutError:
             cost = {"error": f"timed out after {limit_s:g} s. Try a longer --peer-timeout"}
         if "error" in cost:

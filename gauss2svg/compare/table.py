@@ -11,7 +11,6 @@ import hashlib
 import itertools
 import operator
 import os
-import platform
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -22,8 +21,9 @@ from gauss2svg.compare import BenchOptions
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import COUNTS, TOOL, Row
-from gauss2svg.compare.run import measure_alone
+from gauss2svg.compare.run import measure_run
 from gauss2svg.compare.variants import (
+    DEFAULT_GRIDS,
     Variant,
     entries_of,
     peer_variants,
@@ -174,7 +174,7 @@ def run_bench(
     directory     folder of the tables and plots. It is created if it does not exist.
     axes          the values of each option of `vectorize` that is varied. Every combination is run,
                   with the other options at their defaults. If it is None, the settings are
-                  gauss2svg.compare.variants.DEFAULT_GRID. If it is empty, only peers are measured.
+                  gauss2svg.compare.variants.DEFAULT_GRIDS. If it is empty, only peers are measured.
     peers         other tools, by their names in compare.records.PEERS. Tools that are not
                   installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
                   the numbers of another method.
@@ -190,14 +190,13 @@ def run_bench(
     seed, scale = options.seed, options.reference_scale
     thread_count(options.threads)
     others, absent = peer_variants(peers)
-    variants = [*map(Variant, settings_of(axes) if axes != {} else ()), *others]
+    own = settings_of(*(DEFAULT_GRIDS if axes is None else [axes]))
+    variants = [*map(Variant, own), *others]
     photos = listed_photos(images, "images")
     for photo in photos:
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
     entries = {variant: entries_of(variant.files, photos) for variant in variants}
     sources = {} if options.references is None else _references(photos, options.references)
-    versions = {"gauss2svg": __version__, "python": platform.python_version()}
-
     of_runs = {"seed": seed, "threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
@@ -207,16 +206,16 @@ def run_bench(
         if source := sources.get(photo):
             parameters["reference"] = source, scale
             dependencies += [hashlib.sha256(source.read_bytes()).hexdigest(), scale]
-        columns = {"seed": seed, "versions": versions | {variant.tool: variant.version}}
         entry = entries[variant].get(photo, {})
-        return Task(photo, variant, parameters, tuple(dependencies), columns, entry)
+        return Task(photo, variant, parameters, tuple(dependencies), {"seed": seed}, entry)
 
     plan = [task_of(photo, variant) for variant in variants for photo in photos]
     outputs = ("rows.jsonl", "bench.json", "bench.csv", "summary.md", *NAMES)
     folder = output_folder(directory, outputs)
     grid = Grid(folder / "rows.jsonl", plan, progress)
-    with Pool(1) as pool:
-        for _ in grid.run(plan, pool, measure_alone):
+    # Each run has its own process, so that its memory can be measured.
+    with Pool(1, reuses=False) as pool:
+        for _ in grid.run(plan, pool, measure_run):
             _write_tables(folder, grid, absent)
     # If an earlier benchmark has left the records of all runs, the loop makes no run and writes no
     # tables. So the tables are also written here.

@@ -9,8 +9,7 @@ import pytest
 from batches import TINY_COMMAND, save_photo, save_photos
 
 from gauss2svg.batch import many
-from gauss2svg.batch.inputs import photos_of
-from gauss2svg.batch.stores import file_system_of, write
+from gauss2svg.batch.inputs import file_system_of, photos_of, write
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 
@@ -76,7 +75,7 @@ def test_photo_counts_once_and_links_are_photos_but_no_folders(folder, tmp_path)
     os.symlink("gone", folder / "b/z.png")
     assert names("in") == ["a", "b/c", "b/d/e", "b/z"]
     assert names("in/b/*.png", "in/b/z.png") == ["z", "z"]
-    assert many.Batch(["in", "in/a.jpg", "in/**/*.jpg"], tmp_path / "out").count == 4
+    assert many.Batch(["in", "in/a.jpg", "in/**/*.jpg"], tmp_path / "out").summary.count == 4
     os.symlink(folder, folder / "b/circle")
     assert names("in") == ["a", "b/c", "b/d/e", "b/z"]
 
@@ -88,7 +87,7 @@ def test_names_that_differ_by_case_are_one_where_the_disk_folds_it(tmp_path, mon
     with pytest.raises(InputError, match="would both write"):
         many.Batch([tmp_path / "in"], tmp_path / "out/new")
     monkeypatch.setattr(many, "folds_case", lambda _: False)
-    assert many.Batch([tmp_path / "in"], tmp_path / "out/new").count == 2
+    assert many.Batch([tmp_path / "in"], tmp_path / "out/new").summary.count == 2
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def requests(monkeypatch):
         }  # fmt: skip
 
     monkeypatch.setattr(table, "Pool", PoolHere)
-    monkeypatch.setattr(table, "measure_alone", answer)
+    monkeypatch.setattr(table, "measure_run", answer)
     return asked
 
 

@@ -50,7 +50,7 @@ def test_failed_svg_is_tried_again_and_the_others_are_kept(two, tmp_path, asked,
     for _ in range(2):
         assert main([*arguments, "--quiet"]) == 1
         assert capsys.readouterr().err.splitlines() == [
-            f"gauss2svg: failed: {n}.png, 13 Gaussians: un lucky \\udcff" for n in "ab"
+            f"gauss2svg: failed: {n}.png, gaussians 13: un lucky \\udcff" for n in "ab"
         ]
         made = asked.take()
     assert made == [("variant", "a/gaussians-13"), ("variant", "b/gaussians-13")]
