@@ -220,16 +220,6 @@ def _write_new(path: Path, data: bytes, mode: int | None) -> None:
         os.chmod(path, mode)
 
 
-def folds_case(folder: FileName) -> bool:
-    """Return whether a folder ignores case in file names.
-
-    Raise OutputError if no file can be written for the test.
-    """
-    with writing(Path(folder)), tempfile.NamedTemporaryFile(dir=folder, prefix=".aA") as probe:
-        parent, name = os.path.split(probe.name)
-        return os.path.exists(os.path.join(parent, name.swapcase()))
-
-
 def reason_of(error: BaseException) -> str:
     """Return the reason why a file cannot be read or written, as one line of text."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__

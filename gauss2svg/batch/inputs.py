@@ -31,6 +31,7 @@ from gauss2svg.files import (
     text_of,
     write_atomically,
 )
+from gauss2svg.options import file_name
 from gauss2svg.photo import SUFFIXES
 
 
@@ -247,12 +248,9 @@ def listed_photos(
     """
     if isinstance(paths, (str, bytes, os.PathLike)):
         raise refusal(name, "a sequence of paths", quoted(paths), f"[{paths!r}]")
-    try:
-        once: dict[str, str] = {}
-        for path in map(os.fsdecode, paths):
-            once.setdefault(os.path.realpath(path), path)
-    except (TypeError, ValueError) as error:  # ValueError is raised for a null character
-        raise refusal(name, "a sequence of paths", quoted(paths)) from error
+    once: dict[str, str] = {}
+    for path in (file_name(name, path) for path in paths):
+        once.setdefault(os.path.realpath(path), path)
     if not once:
         raise refusal(name, "the paths of one or more photos", quoted(paths))
     names = Counter(Path(path).name for path in once.values())

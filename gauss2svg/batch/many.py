@@ -40,7 +40,7 @@ from gauss2svg.errors import (
     quoted,
     refusal,
 )
-from gauss2svg.files import STANDARD_STREAM, as_json, folds_case, reason_of
+from gauss2svg.files import STANDARD_STREAM, as_json, reason_of
 from gauss2svg.options import Field, fields_of, file_name
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline.budgets import memory_limit
@@ -198,13 +198,10 @@ class Batch:
         write(root, f"{STATE}/options-{identity}.json", described)
 
     def _listed(self, sources: list[str]) -> list[Photo]:
-        """Return each photo once. Raise InputError if two photos would write the same file."""
-        folder = self._spec.root
-        # A new folder ignores case in file names if its parent folder does. So if the output
-        # folder does not exist yet, the nearest folder above it that exists is tested.
-        while not (is_url(folder) or os.path.isdir(folder)):
-            folder = os.path.dirname(folder)
-        key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
+        """Return each photo once. Raise InputError if two photos would write the same file.
+
+        Names that differ only by case are the same, because they are one file on some disks.
+        """
         photos: dict[str, Photo] = {}
         for path, name in photos_of(sources):
             output = name + (".svgz" if self.options.svg.gzip else ".svg")
@@ -214,7 +211,7 @@ class Batch:
                 raise refusal("output", needed, f"{output}, of {path}", "another folder")
             # The path is made absolute, because workers may have another current folder.
             photo = path if is_url(path) else os.path.abspath(path), output
-            if (other := photos.setdefault(key_of(output), photo)) != photo:
+            if (other := photos.setdefault(output.casefold(), photo)) != photo:
                 got = f"{other[0]} and {path}, which would both write {output}"
                 advice = "the folder that contains both, or a run and a folder for each"
                 raise refusal("photos", "with outputs of their own", got, advice)

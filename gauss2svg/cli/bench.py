@@ -12,7 +12,6 @@ from gauss2svg.cli.terminal import say
 from gauss2svg.compare import BenchOptions
 from gauss2svg.files import check_folder
 from gauss2svg.options import OptionGroup, file_path
-from gauss2svg.pipeline.progress_display import counting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,14 +83,13 @@ def run(given: dict[str, Any]) -> int:
 
     shared, output = Comparison.of(given), BenchCommand.of(given).output
     photos, peers, axes = shared.inputs("bench", output)
-    with counting(shared.quiet) as update:
-        rows = run_bench(
-            photos,
-            output,
-            axes=axes or ({} if shared.from_ else None),
-            peers=peers,
-            options=BenchOptions.of(given),
-            progress=lambda state: update("; ".join(state.now), state.done, state.total),
-        )
+    rows = run_bench(
+        photos,
+        output,
+        axes=axes or ({} if shared.from_ else None),
+        peers=peers,
+        options=BenchOptions.of(given),
+        progress=not shared.quiet,
+    )
     failures = [f"{r['label']} on {r['image']}: {r['error']}" for r in rows if "error" in r]
     return shared.end(len(rows) - len(failures), failures, output / "summary.md")

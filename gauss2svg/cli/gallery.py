@@ -10,7 +10,6 @@ from gauss2svg.cli.parser import words
 from gauss2svg.compare import GalleryOptions
 from gauss2svg.errors import of_file, refusal
 from gauss2svg.options import OptionGroup, file_path
-from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.processes import command_line
 
 
@@ -46,18 +45,17 @@ def run(given: dict[str, Any]) -> int:
             raise refusal("output", "outside of the inputs", got, "another folder")
     counts = parse_axes([f"gaussians={command.counts}"]) if command.counts else {}
     variants = "" if shared.from_ and command.variants is None else command.variants
-    with counting(shared.quiet) as update:
-        gallery = build_gallery(
-            photos,
-            command.output,
-            variants=None if variants is None else words(variants),
-            counts=counts.get("gaussians"),
-            peers=peers,
-            axes=axes,
-            options=GalleryOptions.of(given),
-            command=command_line(["gauss2svg", *sys.argv[1:]]),
-            progress=lambda state: update("; ".join(state.now), state.done, state.total),
-        )
+    gallery = build_gallery(
+        photos,
+        command.output,
+        variants=None if variants is None else words(variants),
+        counts=counts.get("gaussians"),
+        peers=peers,
+        axes=axes,
+        options=GalleryOptions.of(given),
+        command=command_line(["gauss2svg", *sys.argv[1:]]),
+        progress=not shared.quiet,
+    )
     failures = [
         f"{row['photo']}, {row['variant']}: {row['error']}"
         if row["variant"]

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, get_args
 
-from gauss2svg.cli.parser import Parser
+from gauss2svg.cli.parser import COMMANDS, Parser
 from gauss2svg.cli.terminal import (
     SIGNALS,
     UNTOUCHED,
@@ -29,23 +29,6 @@ from gauss2svg.errors import Gauss2SvgError, error_line, nearest, refusal
 from gauss2svg.options import Renderer, flag_of
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.version import __version__
-
-# {command: (what it does, arguments that its help shows)}
-_OF_PHOTOS = "PHOTOS -o OUT [OPTIONS]"
-COMMANDS = {
-    "batch": ("Vectorise many photos, on one machine or a cluster.", _OF_PHOTOS),
-    "bench": ("Compare settings and other tools in tables and plots.", _OF_PHOTOS),
-    "check": (
-        "Measure how closely any SVG matches a photo.",
-        "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]",
-    ),
-    "gallery": ("Write web pages that compare results for photos.", _OF_PHOTOS),
-    "placeholder": (
-        "Write SVGs of about a kilobyte to show while photos load.",
-        "PHOTOS [-o OUT] [OPTIONS]",
-    ),
-    "studio": ("Vectorise photos in the browser, on this machine.", "[FOLDER] [OPTIONS]"),
-}
 
 
 def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
@@ -63,7 +46,7 @@ def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
     module = import_module(f"gauss2svg.cli.{name or 'vectorize'}")
     text, usage = COMMANDS[name] if name else (module.ABOUT, module.USAGE)
     has_help = not {"--help", "-h", "--help-all"}.isdisjoint(words)
-    parser = Parser(name, usage, text, has_help, COMMANDS)
+    parser = Parser(name, usage, text, has_help)
     for title, group in module.SECTIONS.items():
         shown = bool(name) or "--help-all" in words or title in module.COMMON
         parser.add_group(title, group, shown)

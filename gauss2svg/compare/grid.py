@@ -29,6 +29,7 @@ from gauss2svg.errors import OutputError
 from gauss2svg.files import check_writable, make_folder, reading, writing
 from gauss2svg.measure import packages
 from gauss2svg.options import file_name
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
@@ -112,7 +113,9 @@ class Progress(NamedTuple):
 class Grid:
     """The tasks of a grid and their records.
 
-    path     file of all records
+    path      file of all records
+    progress  function that is called with a Progress when a task begins or ends. True shows a bar
+              on a terminal or in a notebook
     records  record of each task, in the order of the tasks. A record is empty until its task has
              ended. If the task failed, the record has the entry "error", which says why.
     kept     number of runs that are not made again, because `path` already had their records
@@ -120,12 +123,11 @@ class Grid:
     """
 
     def __init__(
-        self, path: Path, tasks: Iterable[Task], progress: Callable[[Progress], None] | None
+        self, path: Path, tasks: Iterable[Task], progress: Callable[[Progress], None] | bool | None
     ) -> None:
-        self._path, self._progress = path, progress or (lambda _: None)
+        self._path, self._progress = path, progress
         self.records: dict[Task, Row] = {task: {} for task in tasks}
         self.total = len(self.records)
-        self._now: list[Task] = []
         rows_before = rows_in(path)
         for task in self.records:
             row = rows_before.get(task.columns.get("folder", task.key), {"key": ""})
@@ -149,10 +151,18 @@ class Grid:
         cannot be written, for example because the disk is full. The other tasks would then fail
         too.
         """
+        now: list[Task] = []
+
+        def report() -> None:
+            done = sum(map(bool, self.records.values()))
+            state = Progress(done, self.total, self.kept, tuple(task.name for task in now))
+            update("; ".join(state.now), state.done, state.total)
+            if callable(self._progress):
+                self._progress(state)
 
         def submitted(task: Task) -> Future[Row]:
-            self._now.append(task)
-            self._report()
+            now.append(task)
+            report()
             if task.file is not None:
                 # The file of an earlier task is removed. If this run is interrupted, the record of
                 # that task must not be used for a file that has been replaced.
@@ -160,34 +170,30 @@ class Grid:
                     task.file.unlink(missing_ok=True)
             return pool.submit(record_or_error, make, task.request)
 
-        self._report()
         missing = (task for task in tasks if not self.records[task])
-        for task, job in completed(submitted, missing, pool.workers):
-            try:
-                answer = job.result()
-            except WorkerDiedError as error:
-                answer = {"error": f"its worker died: {error}"}
-            self._now.remove(task)
-            if "fatal" in answer:
-                raise OutputError(answer["error"])
-            self.records[task] = record = {
-                "key": task.key,
-                **(task.variant.columns if task.variant else {}),
-                "image": task.photo.name,
-                "image_sha256": task.photo.digest,
-                **task.columns,
-                "date": datetime.now(UTC).isoformat(timespec="seconds"),
-                "machine": machine(),
-                **answer,
-            }
-            add_row(self._path, record)
-            yield record
-            self._report()
-
-    def _report(self) -> None:
-        done = sum(map(bool, self.records.values()))
-        now = tuple(task.name for task in self._now)
-        self._progress(Progress(done, self.total, self.kept, now))
+        with counting(quiet=self._progress is not True) as update:
+            report()
+            for task, job in completed(submitted, missing, pool.workers):
+                try:
+                    answer = job.result()
+                except WorkerDiedError as error:
+                    answer = {"error": f"its worker died: {error}"}
+                now.remove(task)
+                if "fatal" in answer:
+                    raise OutputError(answer["error"])
+                self.records[task] = record = {
+                    "key": task.key,
+                    **(task.variant.columns if task.variant else {}),
+                    "image": task.photo.name,
+                    "image_sha256": task.photo.digest,
+                    **task.columns,
+                    "date": datetime.now(UTC).isoformat(timespec="seconds"),
+                    "machine": machine(),
+                    **answer,
+                }
+                add_row(self._path, record)
+                yield record
+                report()
 
 
 def rows_in(path: Path) -> dict[str, Row]:

@@ -24,11 +24,10 @@ from gauss2svg.compare import GalleryOptions, chart, run
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import COUNTS, Row
 from gauss2svg.compare.variants import Variant, entries_of, variants_of
-from gauss2svg.errors import OutputError, instance, on_one_line, refusal
+from gauss2svg.errors import OutputError, instance, on_one_line
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
 from gauss2svg.pipeline.budgets import memory_limit
-from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
@@ -110,16 +109,6 @@ def build_gallery(
     Raise InputError for bad arguments. Raise OutputError if the folder cannot be written, or if it
     has other files with the names of the pages.
     """
-    if progress is True:
-        with counting() as update:
-            return build_gallery(
-                photos, directory, variants=variants, counts=counts, peers=peers, axes=axes,
-                options=options, command=command,
-                progress=lambda state: update("; ".join(state.now), state.done, state.total),
-            )  # fmt: skip
-    report = progress or None
-    if report is not None and not callable(report):
-        raise refusal("progress", "a function", type(report).__name__)
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers, axes)
     entries = {variant: entries_of(variant.files, listed) for variant in chosen}
@@ -149,7 +138,7 @@ def build_gallery(
         return Task(photo, variant, parameters, (size,), columns, entry, file)
 
     plan = {task_of(photo): [task_of(photo, variant) for variant in chosen] for photo in listed}
-    grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], report)
+    grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], progress)
     try:
         with Pool(jobs) as pool:
             # The photos are prepared first, so that bad photos are reported early.

@@ -123,8 +123,13 @@ def _by_peer(request: Request) -> Run:
     most = request["options"]["max_pixels"]
     photo = load_image(request["source"], matte=WHITE_MATTE, max_pixels=most).pixels
     if "file" in request:
-        data, suffix = _data_of(request["file"], tool)
-        cost = request["numbers"]
+        if request["file"] is None:
+            needed = "must have a file or a row for each photo"
+            raise PeerError(f"{tool} {needed}; got none for this one")
+        path, cost = Path(request["file"]), request["numbers"]
+        suffix = path.suffix.lower()
+        is_svg = suffix in SVG_ENDINGS
+        data = read_source(path, MOST_BYTES)[0] if is_svg else path.read_bytes()
     else:
         data, cost = _converted(photo, tool, settings, request["peer_timeout"])
         suffix = PEERS[tool].suffix
@@ -139,16 +144,6 @@ def _by_peer(request: Request) -> Run:
     svg = SimpleNamespace(svg=data.decode()) if is_ours else data
     result = check(photo, svg, reference=source, reference_scale=scale)
     return Run(data, columns | result.report, result.raster, photo, cost)
-
-
-def _data_of(file: str | None, label: str) -> tuple[bytes, str]:
-    """Return the bytes of a method's file, gunzipped, and its suffix."""
-    if file is None:
-        raise PeerError(f"{label} must have a file or a row for each photo; got none for this one")
-    path = Path(file)
-    suffix = path.suffix.lower()
-    is_svg = suffix in SVG_ENDINGS
-    return read_source(path, MOST_BYTES)[0] if is_svg else path.read_bytes(), suffix
 
 
 def _converted(
@@ -204,7 +199,8 @@ def make_photo(request: Request) -> dict[str, Any]:
     most, needed = request["options"]["max_pixels"], request["photo_size"]
     photo = load_image(request["source"], max_pixels=most, needed=needed)
     pixels = pixels_of(photo)
-    webp = _encoded(_eight_bits(pixels), "WEBP", lossless=True, exact=True)
+    shown = Image.fromarray(np.round(pixels * 255).astype(np.uint8))
+    webp = saved(lambda stream: shown.save(stream, "WEBP", lossless=True, exact=True))
     _write(request["folder"], {"photo.webp": webp, "thumbnail.png": _thumbnail(pixels)})
     return {"width": photo.width, "height": photo.height, "notes": list(photo.notes)}
 
@@ -224,11 +220,12 @@ def make_svg(request: Request) -> dict[str, Any]:
         request = {**request, "source": request["page_photo"]}
     finished = run(request)
     raster, photo = over(finished.raster), over(finished.photo)
+    errors = error_map(raster, photo)
     files = {
         "picture.svg": finished.data,
         "report.json": as_json(finished.report),
         "thumbnail.png": _thumbnail(finished.raster),
-        "errors.png": _encoded(error_map(raster, photo), "PNG", optimize=True),
+        "errors.png": saved(lambda stream: errors.save(stream, "PNG", optimize=True)),
     }
     if finished.result is not None:
         files["scene.npz"] = saved(finished.result.scene.save)
@@ -312,15 +309,7 @@ def thumbnail_size(width: int, height: int) -> tuple[int, int]:
 
 def _thumbnail(pixels: NDArray[np.float32]) -> bytes:
     width, height = thumbnail_size(pixels.shape[1], pixels.shape[0])
-    return _encoded(_eight_bits(shrunk(pixels, height, width)), "PNG", optimize=True)
-
-
-def _eight_bits(pixels: NDArray[np.float32]) -> Image.Image:
-    return Image.fromarray(np.round(pixels * 255).astype(np.uint8))
-
-
-def _encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
-    return saved(lambda stream: picture.save(stream, form, **options))
+    return as_png(shrunk(pixels, height, width))
 
 
 def _write(folder: str, files: Mapping[str, bytes]) -> None:

@@ -166,7 +166,7 @@ def run_bench(
     axes: Mapping[str, Sequence[Any]] | None = None,
     peers: Iterable[str] = (),
     options: BenchOptions = BenchOptions(),
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[Progress], None] | bool | None = None,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process. Return the rows.
 
@@ -179,7 +179,8 @@ def run_bench(
                   installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
                   the numbers of another method.
     options       limits of the runs, references, the seed and the number of threads
-    progress      called with a Progress when a run begins or ends
+    progress      function that is called with a Progress when a run begins or ends. True shows a
+                  bar on a terminal or in a notebook
 
     rows.jsonl, bench.json, bench.csv, summary.md and the plots are written after every run. The
     same call continues an interrupted benchmark. A row without an error is kept if its photo, its

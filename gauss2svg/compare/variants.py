@@ -178,7 +178,7 @@ def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[V
         by_text |= {variant.label.replace(" ", ":"): [variant] for variant in variants}
         by_text[tool] = variants[:most]
     chosen: dict[Variant, None] = {}  # used as an ordered set
-    for text in _sequence("peers", texts):
+    for text in texts:
         label, equals_sign, files = str(text).partition("=")
         if equals_sign:
             is_taken = label in {TOOL, *PEERS, *PRESETS, *(one.tool for one in chosen)}
@@ -215,8 +215,8 @@ def variants_of(
     """
     if presets is None and counts is None and not axes:
         presets = ("draft", "balanced", "high")
-    names, numbers = _sequence("variants", presets), _sequence("counts", counts)
-    grids = [{"quality": names}] * bool(names) + [{"gaussians": numbers}] * bool(numbers)
+    lists = {"quality": [*(presets or ())], "gaussians": [*(counts or ())]}
+    grids = [{name: values} for name, values in lists.items() if values]
     others, absent = peer_variants(peers, 1)
     for variant in others:
         if Path(variant.files).is_file():  # "" is no file
@@ -226,16 +226,6 @@ def variants_of(
         got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"
         raise InputError(f"variants must be at least one preset, count, axis or peer; got {got}")
     return variants, absent
-
-
-def _sequence(name: str, values: Any) -> list[Any]:
-    """Return the values of an argument as a list, which is empty for None.
-
-    Raise InputError if the argument is text, or if it cannot be iterated over.
-    """
-    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable | None):
-        raise refusal(name, "a sequence", quoted(values), f"[{quoted(values)}]")
-    return [] if values is None else list(values)
 
 
 # Options that can be an axis: all options of four groups, and also `renderer` and `max_size`. The
@@ -294,7 +284,7 @@ def settings_of(*grids: Mapping[str, Sequence[Any]]) -> list[Settings]:
         columns = []
         for name, values in grid.items():
             axis = _axis(name := name.replace("-", "_"))
-            columns.append([(name, axis.checked(value)) for value in _sequence(axis.name, values)])
+            columns.append([(name, axis.checked(value)) for value in values])
             if not columns[-1]:
                 raise refusal(axis.name, "given with values", "none", f"--axis {name}=VALUE,VALUE")
         combinations |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
