@@ -19,18 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
+from gauss2svg import files
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, on_one_line, quoted, refusal
-from gauss2svg.files import (
-    PATTERN,
-    STANDARD_STREAM,
-    is_pattern,
-    make_folder,
-    reading,
-    reason_of,
-    standard_stream,
-    text_of,
-    write_atomically,
-)
 from gauss2svg.options import file_name
 from gauss2svg.photo import SUFFIXES
 
@@ -81,7 +71,7 @@ def file_system_of(
     except (Gauss2SvgError, MemoryError):
         raise
     except Exception as error:  # stores raise exceptions of their own classes
-        raise kind(f"cannot {verb} {name}: {reason_of(error)}. Try {advice}") from error
+        raise kind(f"cannot {verb} {name}: {files.reason_of(error)}. Try {advice}") from error
 
 
 def write(root: str, name: str, data: bytes) -> None:
@@ -94,8 +84,8 @@ def write(root: str, name: str, data: bytes) -> None:
         with file_system_of(target, "write", OutputError) as (fs, path):
             fs.pipe_file(path, data)
     else:
-        make_folder(Path(target).parent)
-        write_atomically(target, data)
+        files.make_folder(Path(target).parent)
+        files.write_atomically(target, data)
 
 
 def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
@@ -120,7 +110,7 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
             path, name = photo
             yield path, posixpath.splitext(name.replace(os.sep, "/"))[0]
         if photo is None:
-            place = "standard input" if source == STANDARD_STREAM else source
+            place = "standard input" if source == files.STANDARD_STREAM else source
             raise refusal("photos", "one or more", f"none in {place}", "a folder of photos")
 
 
@@ -146,8 +136,9 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
 
     Here the name of the output still ends in the suffix of the photo.
     """
-    if source == STANDARD_STREAM:
-        yield from _photos_of_list(standard_stream(sys.stdin, "input").read(), "standard input")
+    if source == files.STANDARD_STREAM:
+        data = files.standard_stream(sys.stdin, "input").read()
+        yield from _photos_of_list(data, "standard input")
         return
     with file_system_of(source) as (fs, path):
         if source.lower().endswith((".txt", ".lst")):
@@ -157,7 +148,7 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
         elif os.path.isdir(source):
             for path in _pictures(source):
                 yield path, os.path.relpath(path, source)
-        elif is_pattern(source):
+        elif files.is_pattern(source):
             for path in sorted(glob.glob(source, recursive=True)):
                 if not os.path.isdir(path):
                     yield path, os.path.relpath(path, _folder_of_pattern(source) or ".")
@@ -169,11 +160,11 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
 
 def _folder_of_pattern(pattern: str) -> str:
     """Return the folder that a pattern names before its first wildcard: photos for photos/*.jpg."""
-    return os.path.dirname(PATTERN.split(pattern)[0])
+    return os.path.dirname(files.PATTERN.split(pattern)[0])
 
 
 def _photos_of_list(data: bytes, name: str) -> Iterator[tuple[str, str]]:
-    for line in text_of(data, name).split("\n"):
+    for line in files.text_of(data, name).split("\n"):
         # A path may have blanks or quotes around it, as Windows copies it.
         path = line.strip().strip("\"'")
         if path and not path.startswith("#"):
@@ -193,9 +184,9 @@ def _pictures(root: str) -> Iterator[str]:
     def failed(error: OSError) -> None:
         raise error
 
-    for folder, folders, files in os.walk(root, onerror=failed):
+    for folder, folders, names in os.walk(root, onerror=failed):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        yield from (os.path.join(folder, name) for name in sorted(files) if is_picture(name))
+        yield from (os.path.join(folder, name) for name in sorted(names) if is_picture(name))
 
 
 def _photos_at_url(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
@@ -204,7 +195,7 @@ def _photos_at_url(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
     The URL names a photo, a folder with photos, or a pattern that photos match. The name of the
     output still ends in the suffix of the photo.
     """
-    is_glob = PATTERN.search(url) is not None
+    is_glob = files.PATTERN.search(url) is not None
     names = [path] if url.startswith("http") else (fs.glob if is_glob else fs.find)(path)
     base = (_folder_of_pattern(path) if is_glob else path).rstrip("/")
     for name in names:
@@ -220,8 +211,8 @@ class ListedPhoto:
     """A photo of a list.
 
     path     path of the file
-    name     `file` on one line, with control characters escaped
-    file     the file's name, or the whole path if another photo has the same name
+    name     the file's name, or the whole path if another photo has the same name. It is on one
+             line, with control characters escaped
     slug     name for the output file or folder of this photo, which no other photo has. It
              consists of a-z, 0-9 and -.
     digest   SHA-256 of the file's bytes, or None if the file cannot be read
@@ -230,7 +221,6 @@ class ListedPhoto:
 
     path: str
     name: str
-    file: str
     slug: str
     digest: str | None
     problem: str | None = None
@@ -242,7 +232,7 @@ def listed_photos(
     """Return each photo once, in the order of the paths. Raise InputError if there is none.
 
     A photo's slug is made from the name of its file. If several photos would have the same slug, a
-    digest of the field `file` is appended. The order of the photos has no influence on the slugs.
+    digest of its name is appended. The order of the photos has no influence on the slugs.
 
     name  name of the argument in error messages
     """
@@ -262,7 +252,7 @@ def listed_photos(
             file = Path(path).as_posix()
         if slugs[slug] > 1:
             slug += f"-{hashlib.sha256(file.encode(errors='surrogatepass')).hexdigest()[:12]}"
-        photos.append(ListedPhoto(path, on_one_line(file), file, slug, *_digest(path)))
+        photos.append(ListedPhoto(path, on_one_line(file), slug, *_digest(path)))
     return photos
 
 
@@ -279,7 +269,7 @@ def slug_of(name: str) -> str:
 def _digest(path: str) -> tuple[str | None, str | None]:
     """Return (SHA-256 of a file, None), or (None, the reason why it cannot be read)."""
     try:
-        with reading(path, "the path of a photo") as stream:
+        with files.reading(path, "the path of a photo") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest(), None
     except (InputError, OSError) as error:
         return None, on_one_line(str(error))

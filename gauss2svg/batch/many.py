@@ -26,20 +26,10 @@ from functools import partial
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from gauss2svg import errors
 from gauss2svg.batch import BatchOptions
 from gauss2svg.batch.inputs import file_system_of, is_url, photos_of, write
-from gauss2svg.errors import (
-    ClusterError,
-    Gauss2SvgError,
-    InputError,
-    OutputError,
-    brief,
-    error_line,
-    instance,
-    of_file,
-    quoted,
-    refusal,
-)
+from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, as_json, reason_of
 from gauss2svg.options import Field, fields_of, file_name
 from gauss2svg.photo.pixels import Header
@@ -145,7 +135,7 @@ def vectorize_many(
     """
     for name in goals.keys() - {field.name for field in fields_of(Goal)}:
         raise unknown_keyword(name, "vectorize_many", "options=Options({})")
-    options = instance(options, "options", Options).changed(**goals)
+    options = errors.instance(options, "options", Options).changed(**goals)
     show_progress = Field("progress", bool).checked(progress)
     return Batch(sources, output, options, batch).run(client, quiet=not show_progress)
 
@@ -157,8 +147,8 @@ class Batch:
     table    path of the table of the photos that are finished. It is written when a run ends
 
     The constructor checks its arguments, lists the photos, and creates the folder. It raises
-    InputError if an argument is invalid, if there are no photos, or if two photos would write the
-    same file. It raises OutputError if the folder cannot be written.
+    InputError if an argument is invalid, if a source has no photos, or if two photos would write
+    the same file. It raises OutputError if the folder cannot be written.
     """
 
     def __init__(
@@ -168,8 +158,8 @@ class Batch:
         options: Options | None = None,
         batch: BatchOptions | None = None,
     ) -> None:
-        self.options = options = instance(options, "options", Options)
-        self.batch = instance(batch, "batch", BatchOptions)
+        self.options = options = errors.instance(options, "options", Options)
+        self.batch = errors.instance(batch, "batch", BatchOptions)
         Plan(options).check_renderer()
         # Marks could not tell that the code of a function has changed.
         if callable(loss := options.fit.loss):
@@ -191,9 +181,6 @@ class Batch:
         self._spec = BatchSpec(options, root, identity, may_reduce)
         self._photos = self._listed(names)
         self.summary = Summary(len(self._photos))
-        if not self._photos:
-            got = brief(f"none in {', '.join(names) or 'no folder'}")
-            raise refusal("photos", "one or more", got, "gauss2svg batch photos/ -o out/")
         described = as_json({"gauss2svg": __version__, "options": options.flat()})
         write(root, f"{STATE}/options-{identity}.json", described)
 
@@ -337,7 +324,7 @@ class Summary:
         self.failed += record.error is not None
         self.sketches += record.sketch is not None
         if record.error and len(self._failures) < 5:
-            self._failures.append(f"failed: {of_file(record.input, record.error)}")
+            self._failures.append(f"failed: {errors.of_file(record.input, record.error)}")
 
     def progress_text(self) -> str:
         """Return text with the speed, the failures and the remaining time."""
@@ -428,7 +415,7 @@ def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
         is_full = getattr(error.__cause__, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
         if isinstance(error, OutputError) and is_full:
             raise
-        line = error_line(error, "--max-size, or workers with more memory")
+        line = errors.error_line(error, "--max-size, or workers with more memory")
         code = type(error).__name__
         return PhotoRecord(*photo, spec.identity, error=line, error_code=code)
 

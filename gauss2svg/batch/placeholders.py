@@ -13,16 +13,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
+from gauss2svg import files
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.errors import Gauss2SvgError, InputError, brief, of_file, quoted, refusal
-from gauss2svg.files import (
-    FILE_ENDINGS,
-    STANDARD_STREAM,
-    check_outputs,
-    make_folder,
-    reading,
-    text_of,
-)
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.placeholder import (
     DEFAULT_BYTES,
@@ -77,7 +70,7 @@ class PlaceholderList:
         self._is_json = form in ("json", "object")
         # Whether the output is an SVG, and not a folder of SVGs or a list.
         is_file = output.lower().endswith(".svg") and not os.path.isdir(output)
-        self._is_one_svg = form == "svg" and (is_file or output == STANDARD_STREAM)
+        self._is_one_svg = form == "svg" and (is_file or output == files.STANDARD_STREAM)
         self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
         self.photos = listed_photos(paths)
         self.failures: list[str] = []
@@ -92,11 +85,11 @@ class PlaceholderList:
             if os.path.isfile(key) and not is_own(key):
                 needed = "a folder without SVGs of others by the names of the photos"
                 raise refusal("--output", needed, brief(key), "another folder")
-        if output != STANDARD_STREAM:
+        if output != files.STANDARD_STREAM:
             targets = [Path(name) for name in (keys if form == "svg" else [output])]
-            make_folder(targets[0].parent)
-            check_outputs({photo.path: "a photo" for photo in self.photos}, targets)
-        is_list = form != "svg" and output != STANDARD_STREAM and Path(output).is_file()
+            files.make_folder(targets[0].parent)
+            files.check_outputs({photo.path: "a photo" for photo in self.photos}, targets)
+        is_list = form != "svg" and output != files.STANDARD_STREAM and Path(output).is_file()
         before = self._entries_before() if is_list else {}
         self._entries = {key: before.get(key) for key in keys}
 
@@ -131,11 +124,11 @@ class PlaceholderList:
         if self._form == "svg":
             return {name: svg.encode() for name, svg in entries.items()}
         if self._is_json:
-            # The name `photo.file` also depends on the names of the other photos. The earlier run
+            # The name `photo.name` also depends on the names of the other photos. The earlier run
             # may have had other photos. So this name is also set in the entries that are kept.
             for photo in self.photos:
                 if entry := entries.get(self._key(photo)):
-                    entry["metadata"]["filename"] = photo.file
+                    entry["metadata"]["filename"] = photo.name
             contents = entries if self._form == "object" else [*entries.values()]
             text = json.dumps(contents, indent=2) + "\n"
         else:
@@ -170,18 +163,18 @@ class PlaceholderList:
             return one.snippet(key)
         if self._form == "picture":
             folder = key[: key.rfind("/") + 1]
-            files = _sources(photo).items()
-            return one.picture(key, {folder + _url(file.name): kind for file, kind in files})
-        record = one.record(photo.file)
+            sources = _sources(photo).items()
+            return one.picture(key, {folder + _url(file.name): kind for file, kind in sources})
+        record = one.record(photo.name)
         record["metadata"] |= {"path": key, "sha256": photo.digest, "madeBy": self._made_by}
         return record
 
     def _entries_before(self) -> dict[str, Any]:
         """Return the entries of the output file, which exists, as {key of a photo: entry}."""
-        with reading(self._output, "another name for --output") as file:
+        with files.reading(self._output, "another name for --output") as file:
             data = file.read()
         try:
-            text = text_of(data, self._output)
+            text = files.text_of(data, self._output)
             if self._is_json:
                 records = json.loads(text)
                 if not isinstance(records, dict if self._form == "object" else list):
@@ -209,7 +202,7 @@ def _format_of(output: str, form: Any) -> Any:
     is_folder = os.path.isdir(output) or output.endswith(("/", os.sep))
     ending = ".svg" if is_folder else os.path.splitext(output)[1].lower()
     formats = {".json": "json", ".html": "html", ".htm": "html", ".svg": "svg"}
-    named = formats.get(ending, "another" if ending in FILE_ENDINGS else "")
+    named = formats.get(ending, "another" if ending in files.FILE_ENDINGS else "")
     form = form or {"another": "svg", "": "json"}.get(named, named)
     like = {"object": "json", "picture": "html"}.get(form, form)  # the same endings
     if named not in ("", like):

@@ -19,17 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.compare.records import (
-    COSTS,
-    COUNTS,
-    FILE_KEYS,
-    OWN_KEYS,
-    PEERS,
-    TOOL,
-    convert_by,
-    record_or_error,
-    start_watch,
-)
+from gauss2svg.compare import records
 from gauss2svg.compare.variants import AXES
 from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
@@ -83,7 +73,7 @@ def run(request: Request) -> Run:
              method has made the file, it has the keys file (path) and numbers, as of `entries_of`.
     Raise Gauss2SvgError if no file is made, or if the file cannot be measured.
     """
-    return _by_gauss2svg(request) if request["tool"] == TOOL else _by_peer(request)
+    return _by_gauss2svg(request) if request["tool"] == records.TOOL else _by_peer(request)
 
 
 def measure_run(request: Request) -> dict[str, Any]:
@@ -93,15 +83,16 @@ def measure_run(request: Request) -> dict[str, Any]:
     else:
         finished = run(request)
         report = finished.report | finished.cost
-        used = {k: report[k] for k in AXES if k in report} if request["tool"] == TOOL else {}
-    names = (*FILE_KEYS, *COUNTS, *OWN_KEYS)
+        is_own = request["tool"] == records.TOOL
+        used = {name: report[name] for name in AXES if is_own and name in report}
+    names = (*records.FILE_KEYS, *records.COUNTS, *records.OWN_KEYS)
     numbers = {name: report.get(name) for name in names} | {"versions": report.get("versions", {})}
     return {"used": request["settings"] | used, **numbers}
 
 
 def _by_gauss2svg(request: Request) -> Run:
     options = Options.from_flat({**request["settings"], **request["options"], "full_size": True})
-    read = start_watch()
+    read = records.start_watch()
     result = vectorize_by(options, request["source"])
     # The cost is read here, because it must not include the computation of scores.
     cost = read()
@@ -132,9 +123,9 @@ def _by_peer(request: Request) -> Run:
         data = read_source(path, MOST_BYTES)[0] if is_svg else path.read_bytes()
     else:
         data, cost = _converted(photo, tool, settings, request["peer_timeout"])
-        suffix = PEERS[tool].suffix
+        suffix = records.PEERS[tool].suffix
     columns = {"tool": tool, "settings": settings, **cost}
-    cost = {name: cost.get(name) for name in COSTS}
+    cost = {name: cost.get(name) for name in records.COSTS}
     if suffix not in SVG_ENDINGS:
         report, raster = _measured_image(data, photo)
         return Run(_as_svg(data, photo), columns | report, raster, photo, cost)
@@ -151,9 +142,10 @@ def _converted(
 ) -> tuple[bytes, dict[str, Any]]:
     """Run another tool on a photo. Return the bytes of its file, and its cost."""
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
-        png, output = Path(folder) / "photo.png", Path(folder) / f"output{PEERS[tool].suffix}"
+        png = Path(folder) / "photo.png"
+        output = png.with_name(f"output{records.PEERS[tool].suffix}")
         png.write_bytes(as_png(photo))
-        call = record_or_error, convert_by, tool, settings, png, output
+        call = records.record_or_error, records.convert_by, tool, settings, png, output
         try:
             with Pool(1) as pool:
                 cost = pool.submit(*call, timeout=limit_s).result()

@@ -22,18 +22,13 @@ from gauss2svg.compare.chart import Cost, machine_text, scatter, template_enviro
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import COUNTS, TOOL, Row
 from gauss2svg.compare.run import measure_run
-from gauss2svg.compare.variants import (
-    DEFAULT_GRIDS,
-    Variant,
-    entries_of,
-    peer_variants,
-    settings_of,
-)
+from gauss2svg.compare.variants import GRIDS, Variant, entries_of, peer_variants, settings_of
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import PSNR, SCORES, Score
 from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.plan import PRESETS
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
@@ -86,7 +81,7 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     for _, group in itertools.groupby(finished, operator.itemgetter("label")):
         runs = list(group)
         values: dict[str, list[Any]] = {name: [row.get(name) for row in runs] for name in keys}
-        names = ("label", "tool", "tool_version", "preset", "settings")
+        names = ("label", "tool", "tool_version", "settings")
         mean = {
             **{name: runs[0][name] for name in names},
             "images": len(runs),
@@ -125,8 +120,8 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
     preset is a series, and so is each tool other than gauss2svg. Any other setting of gauss2svg is
     a series too. But if there are more than eight of these, they form one series together.
     """
-    others = [row["label"] for row in summary if row["tool"] == TOOL and not row["preset"]]
     names = {row["label"]: row["label" if row["tool"] == TOOL else "tool"] for row in summary}
+    others = [label for label, name in names.items() if label == name and name not in PRESETS]
     names |= dict.fromkeys(others, "other settings") if len(others) > 8 else {}
     series = list(dict.fromkeys(names.values()))
     template = template_environment().get_template("plot.svg.jinja")
@@ -174,7 +169,7 @@ def run_bench(
     directory     folder of the tables and plots. It is created if it does not exist.
     axes          the values of each option of `vectorize` that is varied. Every combination is run,
                   with the other options at their defaults. If it is None, the settings are
-                  gauss2svg.compare.variants.DEFAULT_GRIDS. If it is empty, only peers are measured.
+                  gauss2svg.compare.variants.GRIDS. If it is empty, only peers are measured.
     peers         other tools, by their names in compare.records.PEERS. Tools that are not
                   installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
                   the numbers of another method.
@@ -191,7 +186,7 @@ def run_bench(
     seed, scale = options.seed, options.reference_scale
     thread_count(options.threads)
     others, absent = peer_variants(peers)
-    own = settings_of(*(DEFAULT_GRIDS if axes is None else [axes]))
+    own = settings_of(*(GRIDS if axes is None else [axes]))
     variants = [*map(Variant, own), *others]
     photos = listed_photos(images, "images")
     for photo in photos:

@@ -139,17 +139,12 @@ class Variant(NamedTuple):
         return self.tool == TOOL
 
     @property
-    def preset(self) -> str | None:
-        """Name of the preset, if the preset is the variant's only setting. Otherwise None."""
-        only = dict(self.settings) if self.is_own and len(self.settings) == 1 else {}
-        return only.get("quality")
-
-    @property
     def label(self) -> str:
         """Short text of the settings: "draft", "gaussians 500", "jpeg 30"."""
         if not self.is_own:
             return " ".join([self.tool, *(str(value) for _, value in self.settings)])
-        return self.preset or ", ".join(f"{name} {value}" for name, value in self.settings)
+        is_preset = [name for name, _ in self.settings] == ["quality"]
+        return ", ".join(v if is_preset else f"{name} {v}" for name, v in self.settings)
 
     @property
     def slug(self) -> str:
@@ -159,8 +154,8 @@ class Variant(NamedTuple):
     @property
     def columns(self) -> dict[str, Any]:
         """Columns of a record that describe the variant."""
-        names = {"label": self.label, "preset": self.preset, "tool": self.tool}
-        return names | {"tool_version": self.version, "settings": dict(self.settings)}
+        version = {"tool": self.tool, "tool_version": self.version}
+        return {"label": self.label, **version, "settings": dict(self.settings)}
 
 
 def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[Variant], list[str]]:
@@ -243,7 +238,7 @@ AXES: dict[str, Field] = {
 # Settings of the benchmark if no axis is given: first the presets, and then some numbers of
 # Gaussians and of iterations with the default preset. On two cores, these runs take about a minute
 # for a photo of half a megapixel.
-DEFAULT_GRIDS: tuple[dict[str, tuple[Any, ...]], ...] = (
+GRIDS: tuple[dict[str, tuple[Any, ...]], ...] = (
     {"quality": tuple(PRESETS)},
     {"gaussians": (500, 2000, 8000), "iterations": (100, 300)},
 )

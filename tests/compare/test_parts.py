@@ -90,7 +90,7 @@ def test_distance_below_a_front_is_the_gain_at_no_more_cost(rows, score):
 
 
 def test_the_line_of_a_plot_joins_the_cheapest_settings_of_the_best_scores():
-    none = {"tool": TOOL, "preset": "", **dict.fromkeys(axis.key for axis in SCORES)}
+    none = {"tool": TOOL, **dict.fromkeys(axis.key for axis in SCORES)}
     settings = (("dear", 30, 8), ("good", 35, 9), ("cheap", 30, 2), ("worse", 20, 4))
     for plot in plots_of([
         none | {"label": label, "psnr_svg": score, "cpu_s": cost, "svgz_bytes": cost}

@@ -80,7 +80,7 @@ def test_commands_expand_patterns_themselves(pictures, capsys, refusal):
     assert main(["placeholder", "*.jpg", "--max-bytes", "300", "-o", "all.json"]) == 0
     assert "3 placeholders" in capsys.readouterr().err
     assert main(["gallery", "[ab].jpg", "-o", "site", "--counts", "3"]) == 0
-    assert "2 SVGs" in capsys.readouterr().err
+    assert "2 done" in capsys.readouterr().err
     assert main(["*.png", "-o", "e.svg", "--gaussians", "2", "--quiet"]) == 0
     assert main(["check", "*.png", "e.s*", "--quiet"]) == 0
     assert "the photo must be one file; got a.jpg, b.jpg, c[1]" in refusal("*.jpg", "-o", "o.svg")
