@@ -26,12 +26,13 @@ from gauss2svg.batch.many import as_cell
 from gauss2svg.compare.records import Row, machine, record_or_error
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
-from gauss2svg.files import check_writable, make_folder, reading, writing
+from gauss2svg.files import make_folder, reading, writing
 from gauss2svg.measure import packages
-from gauss2svg.options import file_name
 from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
+
+FOLDER = "the name of a folder, such as . for this one"  # needed directory, for error messages
 
 
 @cache
@@ -113,7 +114,7 @@ class Progress(NamedTuple):
 class Grid:
     """The tasks of a grid and their records.
 
-    path      file of all records
+    path      file of all records. It and its folder are created if they do not exist
     progress  function that is called with a Progress when a task begins or ends. True shows a bar
               on a terminal or in a notebook
     records  record of each task, in the order of the tasks. A record is empty until its task has
@@ -126,6 +127,9 @@ class Grid:
         self, path: Path, tasks: Iterable[Task], progress: Callable[[Progress], None] | bool | None
     ) -> None:
         self._path, self._progress = path, progress
+        make_folder(path.parent)
+        with writing(path), path.open("ab"):
+            pass  # if the file cannot be written, this raises an error before the first task
         self.records: dict[Task, Row] = {task: {} for task in tasks}
         self.total = len(self.records)
         rows_before = rows_in(path)
@@ -163,11 +167,11 @@ class Grid:
         def submitted(task: Task) -> Future[Row]:
             now.append(task)
             report()
-            if task.file is not None:
-                # The file of an earlier task is removed. If this run is interrupted, the record of
-                # that task must not be used for a file that has been replaced.
-                with writing(task.file):
-                    task.file.unlink(missing_ok=True)
+            if task.file is not None and task.file.exists():
+                # The file will be replaced, so its old record must not be used again, even if this
+                # run is interrupted.
+                row = {"key": task.key, "folder": task.columns["folder"]}
+                add_row(self._path, row | {"error": "it was interrupted"})
             return pool.submit(record_or_error, make, task.request)
 
         missing = (task for task in tasks if not self.records[task])
@@ -204,12 +208,11 @@ def rows_in(path: Path) -> dict[str, Row]:
     out. Raise InputError if the file cannot be read.
     """
     rows: dict[str, Row] = {}
-    if path.exists():
-        with reading(path, "another folder") as file:
-            for line in file:
-                with suppress(ValueError, TypeError, KeyError, AttributeError):
-                    row = json.loads(line)
-                    rows[row.get("folder", row["key"])] = row
+    with reading(path, "another folder") as file:
+        for line in file:
+            with suppress(ValueError, TypeError, KeyError, AttributeError):
+                row = json.loads(line)
+                rows[row.get("folder", row["key"])] = row
     return rows
 
 
@@ -240,16 +243,3 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows({name: as_cell(value) for name, value in row.items()} for row in flattened)
     return stream.getvalue()
-
-
-def output_folder(directory: str | os.PathLike[str], outputs: Iterable[str]) -> Path:
-    """Create a folder if it does not exist, and return its path.
-
-    Raise OutputError if the folder or one of the outputs in it cannot be written.
-    """
-    folder = Path(file_name("directory", directory, "the name of a folder, such as . for this one"))
-    make_folder(folder)
-    for name in outputs:
-        # If the output cannot be written, this raises an error now and not after hours of work.
-        check_writable(folder / name)
-    return folder

@@ -21,12 +21,13 @@ from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
-from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
+from gauss2svg.compare.grid import FOLDER, Grid, Progress, Task, csv_text
 from gauss2svg.compare.records import COUNTS, Row
 from gauss2svg.compare.variants import Variant, entries_of, variants_of
 from gauss2svg.errors import OutputError, instance, on_one_line
-from gauss2svg.files import as_json, write_all_atomically
+from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
+from gauss2svg.options import file_name
 from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
@@ -161,21 +162,18 @@ def build_gallery(
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:
-    """Create the folder of a gallery and its subfolders if they do not exist, and return its path.
+    """Return the folder of a gallery as a path.
 
     Raise OutputError if a name that the gallery would write to is already taken by a file or folder
     that is not part of a gallery.
     """
-    root = output_folder(directory, ())
-    outputs = ("gallery.json", "gallery.csv", "index.html", "trade-off.html", "how.html")
-    if not (root / "gallery.jsonl").exists():
-        for name in (*outputs, "photos", "assets"):
-            if os.path.lexists(root / name):
-                line = "exists and is not part of a gallery, so it is kept. Try another folder"
-                raise OutputError(f"{root / name} {line}")
-        (root / "gallery.jsonl").touch()
-    output_folder(root / "assets", ())
-    return output_folder(root, ("gallery.jsonl", *outputs))
+    root = Path(file_name("directory", directory, FOLDER))
+    names = ("gallery.json", "gallery.csv", "index.html", "trade-off.html", "how.html")
+    for name in (*names, "photos", "assets"):
+        if os.path.lexists(root / name) and not (root / "gallery.jsonl").exists():
+            line = "exists and is not part of a gallery, so it is kept. Try another folder"
+            raise OutputError(f"{root / name} {line}")
+    return root
 
 
 def write_pages(
@@ -251,6 +249,7 @@ def write_pages(
     for before, result, after in zip([None, *results], results, [*results[1:], None], strict=False):
         path = root / result["folder"] / "index.html"
         contents[path] = page("photo", "../../", result=result, previous=before, next=after)
+    make_folder(root / "assets")
     write_all_atomically(contents)
     return document
 

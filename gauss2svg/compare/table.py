@@ -19,13 +19,14 @@ from typing import Any
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import BenchOptions
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
-from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
+from gauss2svg.compare.grid import FOLDER, Grid, Progress, Task, csv_text
 from gauss2svg.compare.records import COUNTS, TOOL, Row
 from gauss2svg.compare.run import measure_run
 from gauss2svg.compare.variants import GRIDS, Variant, entries_of, peer_variants, settings_of
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import PSNR, SCORES, Score
+from gauss2svg.options import file_name
 from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.plan import PRESETS
@@ -206,8 +207,7 @@ def run_bench(
         return Task(photo, variant, parameters, tuple(dependencies), {"seed": seed}, entry)
 
     plan = [task_of(photo, variant) for variant in variants for photo in photos]
-    outputs = ("rows.jsonl", "bench.json", "bench.csv", "summary.md", *NAMES)
-    folder = output_folder(directory, outputs)
+    folder = Path(file_name("directory", directory, FOLDER))
     grid = Grid(folder / "rows.jsonl", plan, progress)
     # Each run has its own process, so that its memory can be measured.
     with Pool(1, reuses=False) as pool:

@@ -76,6 +76,26 @@ def test_interrupted_gallery_shows_what_is_finished_and_continues(count, two, tm
     assert sorted(asked + done) == all_requests("ab", ["gaussians-5", "gaussians-7"])
 
 
+def test_a_file_that_has_no_record_any_more_is_made_again(two, tmp_path, asked, monkeypatch):
+    """An earlier record is not that of a file which was replaced before an interruption."""
+    given = {"photos": two[:1], "directory": tmp_path / "out", "counts": [5]}
+    build_gallery(**given)
+    add_row = grid.add_row
+
+    def interrupted(path, row):
+        if "report" in row:
+            raise KeyboardInterrupt
+        add_row(path, row)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(grid, "add_row", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            build_gallery(**given, seed=1)
+    asked.clear()
+    build_gallery(**given)
+    assert asked == [("variant", "a/gaussians-5")]
+
+
 @pytest.mark.parametrize("name", ["index.html", "gallery.json", "photos/a.jpg"])
 def test_files_of_no_gallery_are_kept(name, two, tmp_path, asked, refusal):
     path = tmp_path / "out" / name
