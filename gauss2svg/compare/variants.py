@@ -169,7 +169,7 @@ def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[V
     """
     by_text: dict[str, list[Variant]] = {}
     for tool, peer in PEERS.items():
-        variants = [Variant(tuple(sorted(s.items())), tool, peer.version()) for s in peer.settings]
+        variants = [Variant(tuple(sorted(s.items())), tool, peer.version) for s in peer.settings]
         by_text |= {variant.label.replace(" ", ":"): [variant] for variant in variants}
         by_text[tool] = variants[:most]
     chosen: dict[Variant, None] = {}  # used as an ordered set

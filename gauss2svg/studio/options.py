@@ -46,7 +46,10 @@ def options_of(values: dict[str, Any], has_focus: bool = False) -> Options:
 
 
 def form() -> dict[str, Any]:
-    """Return the groups of options, first choices, scores and limits, as data for the page."""
+    """Return the groups of options, first choices, scores and limits, as data for the page.
+
+    Each option has its range, its default and its help text.
+    """
     groups = []
     for key, group in GROUPS.items():
         texts, fields = texts_of(group), fields_of(group)

@@ -97,13 +97,7 @@ async def page(studio: Studio) -> HTMLResponse:
     return HTMLResponse(html)
 
 
-@router.get("/api/options")
-async def options() -> dict[str, Any]:
-    """Return the options in their groups, the scores and the limits.
-
-    Each option has its range, its default and its help text.
-    """
-    return form()
+router.add_api_route("/api/options", form)
 
 
 @router.get("/api/samples")
@@ -245,10 +239,7 @@ async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent
 @router.get("/api/jobs/{name}/frame", response_class=Response)
 async def frame(job: KnownJob) -> Response:
     """Return a JPEG of the fit as it is now. Wait if there is no frame yet."""
-    path = job.folder / "frame.jpg"
-    await wait_until(lambda: path.exists() or job.is_over)
-    if not path.exists():
-        raise HTTPException(404, "the job ended before its first frame")
+    path = await _written(job, "frame.jpg")
     return Response(path.read_bytes(), media_type="image/jpeg")
 
 
