@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
 from gauss2svg.cli.terminal import say
 from gauss2svg.compare import BenchOptions
+from gauss2svg.errors import refusal
 from gauss2svg.files import check_folder
 from gauss2svg.options import OptionGroup, file_path
 
@@ -53,12 +54,21 @@ class Comparison(OptionGroup):
 
     def inputs(self, command: str, output: Path) -> tuple[list[str], list[str], dict[str, Any]]:
         """Return the photos, the peers and the axes. Print lines about tools that are missing."""
-        from gauss2svg.compare.variants import parse_axes, peer_variants, photos_and_peers
+        from gauss2svg.batch.inputs import local_photos
+        from gauss2svg.batch.many import TABLE
+        from gauss2svg.compare.variants import parse_axes, peer_variants, rows_of
         from gauss2svg.measure import packages_missing
 
         check_folder(output)
-        photos, made = photos_and_peers(self.photos, self.from_, command)
-        peers, axes = [*made, *words(self.peers)], parse_axes(self.axis)
+        photos, peers = local_photos(self.photos), words(self.peers)
+        if self.from_ is not None:
+            if not (table := self.from_ / TABLE).is_file():
+                raise refusal("--from", "the output folder of gauss2svg batch", f"no {table}")
+            peers.insert(0, f"batch={self.from_}")
+            photos = photos or [row["input"] for row in rows_of(table) if not row["error"]]
+        elif not photos:
+            raise refusal("PHOTOS", "given", "none", f"gauss2svg {command} --help")
+        axes = parse_axes(self.axis)
         if absent := peer_variants(peers)[1]:
             say(f"skipped, not installed: {', '.join(absent)}")
         for line in packages_missing():

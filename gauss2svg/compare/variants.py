@@ -19,7 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gauss2svg.batch.inputs import ListedPhoto, local_photos
+from gauss2svg.batch.inputs import ListedPhoto
 from gauss2svg.batch.many import TABLE, text_of_cell
 from gauss2svg.compare.records import COUNTS, FILE_KEYS, PEERS, TOOL
 from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
@@ -31,26 +31,7 @@ from gauss2svg.pipeline.plan import PRESETS, Plan
 from gauss2svg.version import __version__
 
 
-def photos_and_peers(
-    sources: Sequence[str], batch: Path | None, command: str
-) -> tuple[list[str], list[str]]:
-    """Return the photos of a comparison, and the peers that a batch adds.
-
-    sources  photos, folders, patterns and lists. If there are none, the photos are those of `batch`
-    batch    output folder of gauss2svg batch, or None
-    command  name of the command, for the error if there are no photos
-    """
-    if batch is None:
-        if not sources:
-            raise refusal("PHOTOS", "given", "none", f"gauss2svg {command} --help")
-        return local_photos(sources), []
-    if not (batch / TABLE).is_file():
-        raise refusal("--from", "the output folder of gauss2svg batch", f"no {batch / TABLE}")
-    photos = [row["input"] for row in _rows_of(batch / TABLE) if not row["error"]]
-    return local_photos(sources) if sources else photos, [f"batch={batch}"]
-
-
-def _rows_of(path: Path) -> list[dict[str, str]]:
+def rows_of(path: Path) -> list[dict[str, str]]:
     """Return the rows of a CSV, with the text of each cell. Raise InputError if it cannot be read.
 
     A cell that a row lacks is "". A cell without a column is left out.
@@ -81,7 +62,7 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
         return {}
     folder, is_table = Path(files), Path(files).is_file()
     tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
-    rows = [row for path in tables if path.is_file() for row in _rows_of(path)]
+    rows = [row for path in tables if path.is_file() for row in rows_of(path)]
     if is_table and not (rows and rows[0].keys() & {*_NUMBERS}):
         got = brief(", ".join(rows[0])) if rows else "no row"
         needed = "a CSV with columns of a report between commas"
@@ -177,12 +158,12 @@ def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[V
         label, equals_sign, files = str(text).partition("=")
         if equals_sign:
             is_taken = label in {TOOL, *PEERS, *PRESETS, *(one.tool for one in chosen)}
-            if is_taken or not re.fullmatch(r"\w[\w.-]*", label):
-                needed = "a word that no preset and no other peer has"
-                raise refusal("label of a peer", needed, quoted(label), "mine=FOLDER")
-            if not Path(files).exists():
-                needed = "a folder of SVGs or pictures, or a CSV"
-                raise refusal(f"peer {label}", needed, f"no {files}", f"{label}=FOLDER")
+            is_word = re.fullmatch(r"\w[\w.-]*", label)
+            if is_taken or not is_word or not Path(files).exists():
+                needed = (
+                    "a word that no preset and no other peer has, and a folder or CSV that exists"
+                )
+                raise refusal("a peer with =", needed, quoted(text), "mine=FOLDER")
             chosen[Variant((), label, "", files)] = None
         else:
             name = Field("peer", words=(*by_text, "LABEL=FOLDER")).checked(text)
