@@ -218,9 +218,14 @@ def rows_in(path: Path) -> dict[str, Row]:
 
 def add_row(path: Path, row: Row) -> None:
     """Append a row to a file of JSON lines, and flush it. Raise OutputError on failure."""
-    with writing(path), path.open("ab") as stream:
-        # An interruption may have cut off the last line, so a line break comes first.
-        stream.write(b"\n" + json.dumps(row, allow_nan=False).encode())
+    line = json.dumps(row, allow_nan=False).encode() + b"\n"
+    with writing(path), path.open("a+b") as stream:
+        if stream.tell():
+            # An interruption may have cut off the last line, so a line break is added if it is
+            # missing.
+            stream.seek(-1, os.SEEK_END)
+            stream.write(b"" if stream.read(1) == b"\n" else b"\n")
+        stream.write(line)
         stream.flush()
         os.fsync(stream.fileno())
 

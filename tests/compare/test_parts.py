@@ -33,6 +33,7 @@ def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
     add_row(path, first | {"key": "b"})  # after half a line
     add_row(path, last | {"n": 4})
     assert rows_in(path) == {"a": last | {"n": 4}, "b": first | {"key": "b"}}
+    assert path.read_text().count("\n") == len(lines) + 2
 
 
 @pytest.mark.parametrize(
