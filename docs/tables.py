@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from gauss2svg.batch.worker import PhotoRecord
+from gauss2svg.batch.many import PhotoRecord
 from gauss2svg.cli.main import command_of
 from gauss2svg.measure import SCORES
 from gauss2svg.options import Field, fields_of, texts_of

@@ -3,7 +3,7 @@
 from . import studio as studio
 from .batch.many import vectorize_many as vectorize_many
 from .batch import BatchOptions as BatchOptions
-from .batch.worker import PhotoRecord as PhotoRecord
+from .batch.many import PhotoRecord as PhotoRecord
 from .compare.pages import (
     Gallery as Gallery,
     GalleryProgress as GalleryProgress,

@@ -120,17 +120,15 @@ def text_of(data: bytes, name: str, errors: str = "strict") -> str:
 
 def check_writable(path: FileName) -> None:
     """Raise OutputError if no file can be written at `path`. No existing file is changed."""
-    target, problem = Path(path), ""
+    target = Path(path)
     with writing(target):
         if target.is_dir():
-            problem = "it is a folder. Try a file name"
-        elif target.exists() and not os.access(target, os.W_OK):
-            problem = "it is read-only. Try another name"
-        elif not target.exists() or target.is_file():
+            raise OSError(errno.EISDIR, "it is a folder")
+        if target.exists() and not os.access(target, os.W_OK):
+            raise OSError(errno.EACCES, "it is read-only")
+        if not target.exists() or target.is_file():
             with tempfile.TemporaryFile(dir=os.path.dirname(os.path.realpath(target))):
                 pass
-    if problem:
-        raise OutputError(f"cannot write {target}: {problem}")
 
 
 @contextmanager
@@ -142,7 +140,7 @@ def writing(target: Path, verb: str = "write") -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError) as error:
-        message = f"cannot {verb} {target}: {reason_of(error)}. Try another folder"
+        message = f"cannot {verb} {target}: {reason_of(error)}. Try another name or folder"
         raise OutputError(message) from error
 
 
@@ -218,16 +216,6 @@ def _write_new(path: Path, data: bytes, mode: int | None) -> None:
         os.fsync(stream.fileno())
     if mode is not None:
         os.chmod(path, mode)
-
-
-def folds_case(folder: FileName) -> bool:
-    """Return whether a folder ignores case in file names.
-
-    Raise OutputError if no file can be written for the test.
-    """
-    with writing(Path(folder)), tempfile.NamedTemporaryFile(dir=folder, prefix=".aA") as probe:
-        parent, name = os.path.split(probe.name)
-        return os.path.exists(os.path.join(parent, name.swapcase()))
 
 
 def reason_of(error: BaseException) -> str:

@@ -55,10 +55,12 @@ class Pool:
     """A pool of up to `workers` processes. Use it in a with statement.
 
     A process is started when a job needs one. When the with block ends, all processes end.
+
+    reuses  whether a process does several jobs, one after the other
     """
 
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
+    def __init__(self, workers: int, reuses: bool = True) -> None:
+        self.workers, self._reuses = workers, reuses
         self._threads = ThreadPoolExecutor(workers)
         self._idle: list[subprocess.Popen[bytes]] = []
         self._jobs: set[_Job] = set()
@@ -124,7 +126,7 @@ class Pool:
         timer.cancel()
         with job.lock:
             job.process = None
-            if job.reason is None and process.poll() is None:
+            if self._reuses and job.reason is None and process.poll() is None:
                 self._idle.append(process)
             else:
                 _end(process)
@@ -161,15 +163,9 @@ def completed(
 
 
 def _start() -> subprocess.Popen[bytes]:
-    command, pipe = processes.module_command("gauss2svg.pool"), subprocess.PIPE
-    return subprocess.Popen(
-        command,
-        stdin=pipe,
-        stdout=pipe,
-        env={**os.environ, **processes.python_environment()},
-        start_new_session=True,
-        creationflags=processes.NEW_GROUP,
-    )
+    streams = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    command = processes.module_command("gauss2svg.pool")
+    return processes.start(command, processes.python_environment(), **streams)
 
 
 def _end(process: subprocess.Popen[bytes]) -> int:

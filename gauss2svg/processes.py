@@ -1,7 +1,7 @@
 """Start and end child processes, and manage the memory of this process.
 
-`run` starts a child process and waits until it ends. `NEW_GROUP` and `end_tree` are for children
-that run while this process continues.
+`run` starts a child process and waits until it ends. `start` and `end_tree` are for children that
+run while this process continues.
 """
 
 from __future__ import annotations
@@ -14,12 +14,11 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-# Value for Popen's argument creationflags. On Windows, it gives the child a process group of its
-# own. On other systems, start_new_session=True has this effect. A Ctrl-C does not reach a child in
-# another group, so `end_tree` has to end it.
-NEW_GROUP = 0x200 if sys.platform == "win32" else 0
+if TYPE_CHECKING:
+    import subprocess
+
 MEMORY_SHARE = 0.8  # share of the free memory that this program may take by default
 
 
@@ -54,6 +53,26 @@ class Ended(NamedTuple):
     complaint: str
 
 
+def start(
+    command: Sequence[str], environment: Mapping[str, str] | None = None, **options: Any
+) -> subprocess.Popen[Any]:
+    """Start a command in a process group of its own, and return its process.
+
+    A Ctrl-C does not reach a child in another group, so `end_tree` has to end it.
+
+    environment  variables to add to those of this process
+    options      further arguments of Popen
+    """
+    import subprocess
+
+    # On Windows, start_new_session has no effect, and this flag makes the group.
+    flags = 0x200 if sys.platform == "win32" else 0
+    variables = {**os.environ, **(environment or {})}
+    return subprocess.Popen(
+        command, env=variables, start_new_session=True, creationflags=flags, **options
+    )
+
+
 def run(
     command: Sequence[str],
     data: bytes | None = None,
@@ -74,29 +93,18 @@ def run(
     import subprocess
     import tempfile
 
-    with (
-        # The outputs are files and not pipes. A process that the command leaves behind would keep a
-        # pipe open, so reading the pipe would not end.
-        tempfile.TemporaryFile() as stdout,
-        tempfile.TemporaryFile() as stderr,
-        subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=stdout,
-            stderr=stderr,
-            cwd=folder,
-            env={**os.environ, **(environment or {})},
-            start_new_session=True,
-            creationflags=NEW_GROUP,
-        ) as process,
-    ):
-        try:
-            process.communicate(data, timeout_s)
-        except subprocess.TimeoutExpired as error:
-            raise TimeoutError(f"not done in {timeout_s:g} s") from error
-        finally:
-            # A child in a group of its own does not receive a Ctrl-C, so it is killed here.
-            end_tree(process.pid)
+    # The outputs are files and not pipes. A process that the command leaves behind would keep a
+    # pipe open, so reading the pipe would not end.
+    with tempfile.TemporaryFile() as stdout, tempfile.TemporaryFile() as stderr:
+        streams = {"stdin": subprocess.PIPE, "stdout": stdout, "stderr": stderr}
+        with start(command, environment, cwd=folder, **streams) as process:
+            try:
+                process.communicate(data, timeout_s)
+            except subprocess.TimeoutExpired as error:
+                raise TimeoutError(f"not done in {timeout_s:g} s") from error
+            finally:
+                # A child in a group of its own does not receive a Ctrl-C, so it is killed here.
+                end_tree(process.pid)
         stdout.seek(0)
         stderr.seek(0)
         # The last line of standard error usually says why a program failed.

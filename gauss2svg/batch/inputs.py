@@ -1,4 +1,7 @@
-"""Find the photos that folders, patterns, lists and URLs stand for, and name each of them once."""
+"""Find the photos that folders, patterns, lists and URLs stand for, and name each of them once.
+
+Files are on this machine, or in stores that fsspec can access, such as S3.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,78 @@ import sys
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
-from gauss2svg.batch.stores import file_system_of, is_url
-from gauss2svg.errors import InputError, on_one_line, quoted, refusal
-from gauss2svg.files import PATTERN, STANDARD_STREAM, is_pattern, reading, standard_stream, text_of
+from gauss2svg import files
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, on_one_line, quoted, refusal
+from gauss2svg.options import file_name
 from gauss2svg.photo import SUFFIXES
+
+
+class _Local:
+    """Access to local files, by functions with the same names as in a file system of fsspec."""
+
+    open = staticmethod(open)
+    exists = staticmethod(os.path.exists)
+    size = staticmethod(os.path.getsize)
+
+    def cat_file(self, path: str) -> bytes:
+        return Path(path).read_bytes()
+
+    def ukey(self, path: str) -> str:
+        """Return text that changes with the file: its size and the time of its last change."""
+        status = os.stat(path)
+        return f"{status.st_size} {status.st_mtime_ns}"
+
+
+def is_url(path: str) -> bool:
+    """Return whether a name is a URL, such as s3://bucket/photo.jpg."""
+    return "://" in path
+
+
+@contextmanager
+def file_system_of(
+    name: str, verb: str = "read", kind: type[Gauss2SvgError] = InputError
+) -> Iterator[tuple[Any, str]]:
+    """Yield the file system of a path or URL, and the path in that file system.
+
+    An error of the with block is turned into an error of the class `kind`, whose message begins
+    with "cannot `verb`". Only a Gauss2SvgError and a MemoryError stay as they are.
+    """
+    advice = "the path or the URL of a photo, a folder, a glob or a list"
+    try:
+        if is_url(name):
+            advice = 'pip install "gauss2svg[s3]", or the package of another store'
+            from fsspec.core import url_to_fs
+
+            advice = "another URL, or the same command again"
+            fs, path = url_to_fs(name)
+            # Without this, files that are written after a listing would seem to be missing.
+            fs.dircache.use_listings_cache = False
+            yield fs, path
+        else:
+            yield _Local(), name
+    except (Gauss2SvgError, MemoryError):
+        raise
+    except Exception as error:  # stores raise exceptions of their own classes
+        raise kind(f"cannot {verb} {name}: {files.reason_of(error)}. Try {advice}") from error
+
+
+def write(root: str, name: str, data: bytes) -> None:
+    """Write the file `name` in the folder `root`, either the whole file or nothing.
+
+    Folders are created. Raise OutputError if the file cannot be written.
+    """
+    target = f"{root}/{name}"
+    if is_url(target):
+        with file_system_of(target, "write", OutputError) as (fs, path):
+            fs.pipe_file(path, data)
+    else:
+        files.make_folder(Path(target).parent)
+        files.write_atomically(target, data)
 
 
 def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
@@ -43,7 +110,7 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
             path, name = photo
             yield path, posixpath.splitext(name.replace(os.sep, "/"))[0]
         if photo is None:
-            place = "standard input" if source == STANDARD_STREAM else source
+            place = "standard input" if source == files.STANDARD_STREAM else source
             raise refusal("photos", "one or more", f"none in {place}", "a folder of photos")
 
 
@@ -69,8 +136,9 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
 
     Here the name of the output still ends in the suffix of the photo.
     """
-    if source == STANDARD_STREAM:
-        yield from _photos_of_list(standard_stream(sys.stdin, "input").read(), "standard input")
+    if source == files.STANDARD_STREAM:
+        data = files.standard_stream(sys.stdin, "input").read()
+        yield from _photos_of_list(data, "standard input")
         return
     with file_system_of(source) as (fs, path):
         if source.lower().endswith((".txt", ".lst")):
@@ -80,7 +148,7 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
         elif os.path.isdir(source):
             for path in _pictures(source):
                 yield path, os.path.relpath(path, source)
-        elif is_pattern(source):
+        elif files.is_pattern(source):
             for path in sorted(glob.glob(source, recursive=True)):
                 if not os.path.isdir(path):
                     yield path, os.path.relpath(path, _folder_of_pattern(source) or ".")
@@ -92,11 +160,11 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
 
 def _folder_of_pattern(pattern: str) -> str:
     """Return the folder that a pattern names before its first wildcard: photos for photos/*.jpg."""
-    return os.path.dirname(PATTERN.split(pattern)[0])
+    return os.path.dirname(files.PATTERN.split(pattern)[0])
 
 
 def _photos_of_list(data: bytes, name: str) -> Iterator[tuple[str, str]]:
-    for line in text_of(data, name).split("\n"):
+    for line in files.text_of(data, name).split("\n"):
         # A path may have blanks or quotes around it, as Windows copies it.
         path = line.strip().strip("\"'")
         if path and not path.startswith("#"):
@@ -116,9 +184,9 @@ def _pictures(root: str) -> Iterator[str]:
     def failed(error: OSError) -> None:
         raise error
 
-    for folder, folders, files in os.walk(root, onerror=failed):
+    for folder, folders, names in os.walk(root, onerror=failed):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        yield from (os.path.join(folder, name) for name in sorted(files) if is_picture(name))
+        yield from (os.path.join(folder, name) for name in sorted(names) if is_picture(name))
 
 
 def _photos_at_url(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
@@ -127,7 +195,7 @@ def _photos_at_url(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
     The URL names a photo, a folder with photos, or a pattern that photos match. The name of the
     output still ends in the suffix of the photo.
     """
-    is_glob = PATTERN.search(url) is not None
+    is_glob = files.PATTERN.search(url) is not None
     names = [path] if url.startswith("http") else (fs.glob if is_glob else fs.find)(path)
     base = (_folder_of_pattern(path) if is_glob else path).rstrip("/")
     for name in names:
@@ -143,8 +211,8 @@ class ListedPhoto:
     """A photo of a list.
 
     path     path of the file
-    name     `file` on one line, with control characters escaped
-    file     the file's name, or the whole path if another photo has the same name
+    name     the file's name, or the whole path if another photo has the same name. It is on one
+             line, with control characters escaped
     slug     name for the output file or folder of this photo, which no other photo has. It
              consists of a-z, 0-9 and -.
     digest   SHA-256 of the file's bytes, or None if the file cannot be read
@@ -153,7 +221,6 @@ class ListedPhoto:
 
     path: str
     name: str
-    file: str
     slug: str
     digest: str | None
     problem: str | None = None
@@ -165,18 +232,15 @@ def listed_photos(
     """Return each photo once, in the order of the paths. Raise InputError if there is none.
 
     A photo's slug is made from the name of its file. If several photos would have the same slug, a
-    digest of the field `file` is appended. The order of the photos has no influence on the slugs.
+    digest of its name is appended. The order of the photos has no influence on the slugs.
 
     name  name of the argument in error messages
     """
     if isinstance(paths, (str, bytes, os.PathLike)):
         raise refusal(name, "a sequence of paths", quoted(paths), f"[{paths!r}]")
-    try:
-        once: dict[str, str] = {}
-        for path in map(os.fsdecode, paths):
-            once.setdefault(os.path.realpath(path), path)
-    except (TypeError, ValueError) as error:  # ValueError is raised for a null character
-        raise refusal(name, "a sequence of paths", quoted(paths)) from error
+    once: dict[str, str] = {}
+    for path in (file_name(name, path) for path in paths):
+        once.setdefault(os.path.realpath(path), path)
     if not once:
         raise refusal(name, "the paths of one or more photos", quoted(paths))
     names = Counter(Path(path).name for path in once.values())
@@ -188,7 +252,7 @@ def listed_photos(
             file = Path(path).as_posix()
         if slugs[slug] > 1:
             slug += f"-{hashlib.sha256(file.encode(errors='surrogatepass')).hexdigest()[:12]}"
-        photos.append(ListedPhoto(path, on_one_line(file), file, slug, *_digest(path)))
+        photos.append(ListedPhoto(path, on_one_line(file), slug, *_digest(path)))
     return photos
 
 
@@ -205,7 +269,7 @@ def slug_of(name: str) -> str:
 def _digest(path: str) -> tuple[str | None, str | None]:
     """Return (SHA-256 of a file, None), or (None, the reason why it cannot be read)."""
     try:
-        with reading(path, "the path of a photo") as stream:
+        with files.reading(path, "the path of a photo") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest(), None
     except (InputError, OSError) as error:
         return None, on_one_line(str(error))

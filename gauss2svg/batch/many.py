@@ -1,51 +1,109 @@
-"""Vectorise many photos: list them, submit the unfinished ones to workers, and write a table."""
+"""Vectorise many photos: list them, submit the unfinished ones to workers, and write a table.
+
+A worker writes the SVG of a photo with the usual pipeline, and then its mark. The mark is a JSON
+file in the folder MARKS. It contains the record of the photo. A later run skips the photo if its
+mark shows that the SVG would be the same again.
+"""
 
 from __future__ import annotations
 
 import csv
+import errno
 import hashlib
 import io
 import json
 import os
 import re
+import threading
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager, nullcontext
-from dataclasses import replace
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from functools import partial
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from gauss2svg import errors
 from gauss2svg.batch import BatchOptions
-from gauss2svg.batch.inputs import photos_of
-from gauss2svg.batch.stores import STATE, TABLE, is_url, write
-from gauss2svg.batch.worker import BatchSpec, Photo, PhotoRecord, finished_record, work
-from gauss2svg.errors import (
-    ClusterError,
-    Gauss2SvgError,
-    InputError,
-    brief,
-    instance,
-    of_file,
-    quoted,
-    refusal,
-)
-from gauss2svg.files import STANDARD_STREAM, as_json, folds_case, reason_of
+from gauss2svg.batch.inputs import file_system_of, is_url, photos_of, write
+from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError, quoted, refusal
+from gauss2svg.files import STANDARD_STREAM, as_json, reason_of
 from gauss2svg.options import Field, fields_of, file_name
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.options import Goal, Options, unknown_keyword
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import counting
+from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.pool import Pool, WorkerDiedError, completed
+from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
 if TYPE_CHECKING:
     from distributed import Client
 
+STATE = "gauss2svg-batch"  # folder in the output folder, for the table, the options and the marks
+TABLE = f"{STATE}/table.csv"
+MARKS = f"{STATE}/marks"  # folder of the marks
+# The kernels must not be called by several threads of a process, which a worker of Dask may have.
+_one_at_a_time = threading.Lock()
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")  # beginning of text that a spreadsheet runs as a formula
+
+
+class PhotoRecord(NamedTuple):
+    """The record of a photo: its SVG in numbers, or an error.
+
+    input                 path or URL of the photo
+    output                name of the SVG, relative to the output folder
+    options               hash of the version and the options: BatchSpec.identity
+    stamp                 size and date of the photo, or its version in a store. "" after an error
+    width, height         size of the photo in px
+    gaussians             number of Gaussians
+    psnr_svg              PSNR of the SVG in dB, or None if it is infinite
+    svg_bytes, svgz_bytes  bytes of the SVG, plain and gzipped
+    total_s, cpu_s        seconds that the photo took, and CPU seconds of its worker in that time
+    error                 reason why there is no SVG, on one line. None if the SVG was written
+    unreached             a line for each target that was missed, such as a PSNR
+    ssim_svg              SSIM of the SVG, -1..1
+    ssimulacra2_svg, flip_svg  SSIMULACRA2 and FLIP of the SVG if RunOptions.scores is on, else None
+    paint_ms              estimated time in ms that a browser takes to paint the SVG
+    stop_reason           reason why the fit ended, as in the report
+    error_code            class of the error, or "WorkerDied" if the worker died. None if no error
+    skipped               True if an earlier run wrote the SVG
+    area_count, line_count, node_count  numbers of areas, of lines, and of their nodes
+    sketch                colours of paper and ink if the photo was drawn as a sketch, else None
+    psnr_photo            PSNR in dB against the photo. For a sketch, psnr_svg leaves out its paper
+    """
+
+    input: str
+    output: str
+    options: str = ""
+    stamp: str = ""
+    width: int | None = None
+    height: int | None = None
+    gaussians: int | None = None
+    psnr_svg: float | None = None
+    svg_bytes: int | None = None
+    svgz_bytes: int | None = None
+    total_s: float | None = None
+    cpu_s: float | None = None
+    error: str | None = None
+    unreached: Sequence[str] = ()
+    ssim_svg: float | None = None
+    paint_ms: float | None = None
+    stop_reason: str | None = None
+    error_code: str | None = None
+    skipped: bool = False
+    ssimulacra2_svg: float | None = None
+    flip_svg: float | None = None
+    area_count: int | None = None
+    line_count: int | None = None
+    node_count: int | None = None
+    sketch: str | None = None
+    psnr_photo: float | None = None
 
 
 def vectorize_many(
@@ -77,45 +135,20 @@ def vectorize_many(
     """
     for name in goals.keys() - {field.name for field in fields_of(Goal)}:
         raise unknown_keyword(name, "vectorize_many", "options=Options({})")
-    options = instance(options, "options", Options).changed(**goals)
+    options = errors.instance(options, "options", Options).changed(**goals)
     show_progress = Field("progress", bool).checked(progress)
-    job = Batch(sources, output, options, batch)
-    return _with_bar(job.run(client), job.count) if show_progress else job.run(client)
-
-
-def _with_bar(records: Iterator[PhotoRecord], count: int) -> Iterator[PhotoRecord]:
-    summary = Summary()
-    with counting() as update:
-        for record in records:
-            summary.add(record)
-            update(summary.progress_text(count), summary.total, count)
-            yield record
-
-
-class _Engine(NamedTuple):
-    """The workers of a batch.
-
-    submit   method of an executor
-    width    number of photos that are submitted at the same time
-    died     types of the exception that a job raises if its worker died
-    options  options with which the workers vectorise the photos
-    """
-
-    submit: Callable[..., Future[Any]]
-    width: int
-    died: Any
-    options: Options
+    return Batch(sources, output, options, batch).run(client, quiet=not show_progress)
 
 
 class Batch:
     """The photos to vectorise, and the folder for their SVGs.
 
-    count  number of photos
-    table  path of the table of the photos that are finished. It is written when a run ends
+    summary  counts of the photos
+    table    path of the table of the photos that are finished. It is written when a run ends
 
     The constructor checks its arguments, lists the photos, and creates the folder. It raises
-    InputError if an argument is invalid, if there are no photos, or if two photos would write the
-    same file. It raises OutputError if the folder cannot be written.
+    InputError if an argument is invalid, if a source has no photos, or if two photos would write
+    the same file. It raises OutputError if the folder cannot be written.
     """
 
     def __init__(
@@ -125,11 +158,11 @@ class Batch:
         options: Options | None = None,
         batch: BatchOptions | None = None,
     ) -> None:
-        self.options = instance(options, "options", Options)
-        self.batch = instance(batch, "batch", BatchOptions)
-        Plan(self.options).check_renderer()
+        self.options = options = errors.instance(options, "options", Options)
+        self.batch = errors.instance(batch, "batch", BatchOptions)
+        Plan(options).check_renderer()
         # Marks could not tell that the code of a function has changed.
-        if callable(loss := self.options.fit.loss):
+        if callable(loss := options.fit.loss):
             raise refusal("loss", "a name in a batch", quoted(loss), "vectorize for each photo")
         if isinstance(sources, (str, bytes, os.PathLike)):
             raise refusal("sources", "a sequence", quoted(sources), f"[{sources!r}]")
@@ -139,29 +172,23 @@ class Batch:
             raise refusal("output", "a folder", quoted(root), "-o out/")
         root = root.rstrip("/") if is_url(root) else os.path.abspath(root)
         self.table = f"{root}/{TABLE}" if is_url(root) else os.path.join(root, *TABLE.split("/"))
-        text = json.dumps([__version__, self.options.of_picture()], sort_keys=True)
+        text = json.dumps([__version__, options.of_picture()], sort_keys=True)
         identity = hashlib.sha256(text.encode()).hexdigest()[:16]
         # If max_memory is not set, the limit is the memory that is free now. A photo that needs
         # more fails then. It is not fitted at a smaller size, because its SVG would depend on how
         # much memory happens to be free.
-        may_reduce = self.options.run.max_memory is not None
-        self._spec = BatchSpec(self.options, root, identity, may_reduce)
+        may_reduce = options.run.max_memory is not None
+        self._spec = BatchSpec(options, root, identity, may_reduce)
         self._photos = self._listed(names)
-        self.count = len(self._photos)
-        if not self.count:
-            got = brief(f"none in {', '.join(names) or 'no folder'}")
-            raise refusal("photos", "one or more", got, "gauss2svg batch photos/ -o out/")
-        described = as_json({"gauss2svg": __version__, "options": self.options.flat()})
+        self.summary = Summary(len(self._photos))
+        described = as_json({"gauss2svg": __version__, "options": options.flat()})
         write(root, f"{STATE}/options-{identity}.json", described)
 
     def _listed(self, sources: list[str]) -> list[Photo]:
-        """Return each photo once. Raise InputError if two photos would write the same file."""
-        folder = self._spec.root
-        # A new folder ignores case in file names if its parent folder does. So if the output
-        # folder does not exist yet, the nearest folder above it that exists is tested.
-        while not (is_url(folder) or os.path.isdir(folder)):
-            folder = os.path.dirname(folder)
-        key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
+        """Return each photo once. Raise InputError if two photos would write the same file.
+
+        Names that differ only by case are the same, because they are one file on some disks.
+        """
         photos: dict[str, Photo] = {}
         for path, name in photos_of(sources):
             output = name + (".svgz" if self.options.svg.gzip else ".svg")
@@ -171,25 +198,30 @@ class Batch:
                 raise refusal("output", needed, f"{output}, of {path}", "another folder")
             # The path is made absolute, because workers may have another current folder.
             photo = path if is_url(path) else os.path.abspath(path), output
-            if (other := photos.setdefault(key_of(output), photo)) != photo:
+            if (other := photos.setdefault(output.casefold(), photo)) != photo:
                 got = f"{other[0]} and {path}, which would both write {output}"
                 advice = "the folder that contains both, or a run and a folder for each"
                 raise refusal("photos", "with outputs of their own", got, advice)
         return [*photos.values()]
 
-    def run(self, client: Client | None = None) -> Generator[PhotoRecord]:
+    def run(self, client: Client | None = None, quiet: bool = True) -> Generator[PhotoRecord]:
         """Yield the records of all photos, and finally write the table.
 
         Workers are started only if a photo is left to vectorise.
+
+        quiet  whether to show no progress
         """
         rows = io.StringIO()
         table = csv.writer(rows)
         table.writerow(PhotoRecord._fields)
         try:
-            for record in self._records(client):
-                row = record._replace(unreached="; ".join(record.unreached))
-                table.writerow(map(as_cell, row))
-                yield record
+            with counting(quiet) as update:
+                for record in self._records(client):
+                    row = record._replace(unreached="; ".join(record.unreached))
+                    table.writerow(map(as_cell, row))
+                    self.summary.add(record)
+                    update(self.summary.progress_text(), self.summary.total, self.summary.count)
+                    yield record
         finally:
             write(self._spec.root, TABLE, rows.getvalue().encode())
 
@@ -221,8 +253,13 @@ class Batch:
                     yield PhotoRecord(*start, error=line, error_code="WorkerDied")
 
 
+# A method that submits a job, the number of photos that are submitted at the same time, the types
+# of the exception that a job raises if its worker died, and the options of the workers.
+_Workers = tuple[Callable[..., Future[Any]], int, Any, Options]
+
+
 @contextmanager
-def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iterator[_Engine]:
+def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iterator[_Workers]:
     """Yield worker processes of this machine.
 
     If `workers` is None, there are as many processes as cores. There are fewer if the options set
@@ -243,11 +280,11 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
     with Pool(workers) as pool:
         job_options = options.changed(threads=threads, max_memory=memory)
         # Two jobs are submitted for each process, so that one waits while the other runs.
-        yield _Engine(pool.submit, 2 * workers, WorkerDiedError, job_options)
+        yield pool.submit, 2 * workers, WorkerDiedError, job_options
 
 
 @contextmanager
-def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterator[_Engine]:
+def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterator[_Workers]:
     """Connect to a Dask cluster, and yield its workers. Raise ClusterError if that fails."""
     try:
         from distributed import Client, KilledWorker
@@ -260,7 +297,7 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
             submit = found.get_executor(pure=False).submit
             # The width is larger than the number of workers, so that workers may come later.
             # Dask's executor raises ValueError if a result is lost while it is fetched.
-            yield _Engine(submit, 1000, (KilledWorker, ValueError), job_options)
+            yield submit, 1000, (KilledWorker, ValueError), job_options
     except Gauss2SvgError:
         raise
     except Exception as error:
@@ -271,9 +308,10 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
 
 
 class Summary:
-    """Counts of the photos of a batch: done, skipped, failed, and drawn as sketches so far."""
+    """Counts of the photos of a batch: all, and those done, skipped, failed and sketched so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, count: int) -> None:
+        self.count = count
         self.total = self.done = self.skipped = self.failed = self.sketches = 0
         self._failures: list[str] = []  # lines about the first five photos that failed
         self._begun = time.monotonic()
@@ -286,12 +324,12 @@ class Summary:
         self.failed += record.error is not None
         self.sketches += record.sketch is not None
         if record.error and len(self._failures) < 5:
-            self._failures.append(f"failed: {of_file(record.input, record.error)}")
+            self._failures.append(f"failed: {errors.of_file(record.input, record.error)}")
 
-    def progress_text(self, count: int) -> str:
-        """Return text with the speed, failures and remaining time of a batch of `count` photos."""
+    def progress_text(self) -> str:
+        """Return text with the speed, the failures and the remaining time."""
         seconds = (time.monotonic() - self._begun) / max(1, self.done + self.failed)
-        left = timedelta(seconds=round(seconds * (count - self.total)))
+        left = timedelta(seconds=round(seconds * (self.count - self.total)))
         return f"{seconds:.3g} s a photo, {self.failed:,} failed, {left} left"
 
     def lines(self) -> Iterator[str]:
@@ -302,6 +340,124 @@ class Summary:
             as_they_are = "To compare photos, sort by psnr_photo, or give --areas never"
             yield f"{self.sketches:,} drawn as sketches, without their paper. {as_they_are}"
         yield from self._failures
+
+
+Photo = tuple[str, str]  # path or URL of a photo, and the name of its output
+
+
+@dataclass(frozen=True)
+class BatchSpec:
+    """The settings that all photos of a batch share.
+
+    options     options with which each photo is vectorised
+    root        output folder, or its URL
+    identity    hash of the version of gauss2svg and of the options on which an SVG depends
+    may_reduce  True if a photo that needs too much memory is fitted at a smaller size. If it is
+                False, such a photo fails
+    version     version of gauss2svg, which each worker must have
+    """
+
+    options: Options
+    root: str
+    identity: str
+    may_reduce: bool = False
+    version: str = __version__
+
+
+def work(spec: BatchSpec, photo: Photo) -> PhotoRecord:
+    """Vectorise a photo unless it is finished, and return its record.
+
+    Raise OutputError if the disk is full. Raise ClusterError if this worker has another version or
+    does not see the output folder.
+    """
+    if spec.version != __version__:
+        raise ClusterError(f"workers must have gauss2svg {spec.version}; got {__version__}")
+    if not (is_url(spec.root) or os.path.isdir(spec.root)):
+        raise ClusterError(f"workers must see the folder {spec.root}. Try a folder that all mount")
+    with _one_at_a_time, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # nobody reads the warnings of image decoders in a worker
+        return finished_record(spec, photo) or vectorize_photo(spec, photo)
+
+
+def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
+    """Return the record in a photo's mark if the photo's SVG is up to date, or else None."""
+    # An error means that there is no mark, or that a batch did not write it.
+    with (
+        suppress(Gauss2SvgError),
+        file_system_of(f"{spec.root}/{photo[1]}") as (fs, path),
+        file_system_of(_mark_of(spec, photo)) as (_, mark),
+    ):
+        record = PhotoRecord(**json.loads(fs.cat_file(mark)))
+        size = record.svgz_bytes if spec.options.svg.gzip else record.svg_bytes
+        expected = (*photo, spec.identity, _stamp_of(photo[0]))
+        if record[:4] == expected and size == fs.size(path):
+            return record._replace(skipped=True)
+    return None
+
+
+def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
+    """Write the SVG of a photo, then its mark, and return the record of the photo.
+
+    If one photo fails, its record has the error, so that the batch can go on. But if the disk is
+    full, raise OutputError, because the other photos would fail too.
+    """
+    begun, cpu_begun = time.perf_counter(), time.process_time()
+    try:
+        stamp = _stamp_of(photo[0])
+        report = _write_svg(spec, photo)
+        report["total_s"] = round(time.perf_counter() - begun, 3)
+        report["cpu_s"] = round(time.process_time() - cpu_begun, 3)
+        numbers = {name: report[name] for name in PhotoRecord._fields if name in report}
+        record = PhotoRecord(*photo, spec.identity, stamp, **numbers)
+        write(spec.root, f"{MARKS}/{photo[1]}.json", json.dumps(record._asdict()).encode())
+        return record
+    except Exception as error:  # a bug here or in a library must not stop the other photos
+        is_full = getattr(error.__cause__, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+        if isinstance(error, OutputError) and is_full:
+            raise
+        line = errors.error_line(error, "--max-size, or workers with more memory")
+        code = type(error).__name__
+        return PhotoRecord(*photo, spec.identity, error=line, error_code=code)
+
+
+def _mark_of(spec: BatchSpec, photo: Photo) -> str:
+    return f"{spec.root}/{MARKS}/{photo[1]}.json"
+
+
+def _stamp_of(source: str) -> str:
+    """Return text that changes when a photo changes, so that marks of the old photo are not used.
+
+    For a local photo, the text holds the file's size and the time of its last change. For a photo
+    in a store, the text is the store's identifier of the version. Raise InputError if the photo
+    cannot be read.
+    """
+    with file_system_of(source) as (fs, path):
+        return fs.ukey(path)
+
+
+def _write_svg(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
+    """Write the SVG of a photo, and return its report."""
+    source, output = photo
+    target = f"{spec.root}/{output}"
+    if os.path.realpath(source) == os.path.realpath(target):
+        raise refusal("output", "a file of its own", f"{target}, the photo", "another folder")
+    image: Any = source
+    if is_url(source):
+        with file_system_of(source) as (fs, path):
+            image = fs.cat_file(path)
+    result = vectorize_by(spec.options, image, may_reduce=spec.may_reduce)
+    data = file_bytes(result.svg, spec.options.svg.gzip)
+    with (
+        file_system_of(target) as (fs, path),
+        file_system_of(_mark_of(spec, photo)) as (_, mark),
+    ):
+        # An SVG without a mark may be the user's own file, so it is not overwritten. But if its
+        # content equals the new SVG, it is from a run that was killed before it wrote the mark.
+        may_write = fs.exists(mark) or not fs.exists(path) or fs.cat_file(path) == data
+    if not may_write:
+        raise refusal("output", "a new file, or one of a batch", target, "another folder")
+    write(spec.root, output, data)
+    return result.report
 
 
 def as_cell(value: Any) -> Any:

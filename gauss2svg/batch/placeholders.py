@@ -5,7 +5,6 @@ If the file exists, its entries are kept for photos that have not changed.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import re
@@ -14,16 +13,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
+from gauss2svg import files
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
-from gauss2svg.errors import Gauss2SvgError, brief, of_file, quoted, refusal
-from gauss2svg.files import (
-    FILE_ENDINGS,
-    STANDARD_STREAM,
-    check_outputs,
-    make_folder,
-    reading,
-    text_of,
-)
+from gauss2svg.errors import Gauss2SvgError, InputError, brief, of_file, quoted, refusal
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.placeholder import (
     DEFAULT_BYTES,
@@ -62,7 +54,7 @@ class PlaceholderList:
     """Placeholders of photos, and the entries that an earlier run has written.
 
     photos     the photos, each once
-    new        {photo: placeholder} of the placeholders made in this run
+    count      number of photos whose placeholder is new or unchanged
     unchanged  number of photos whose entry is kept, because it was made from the same bytes with
                the same options by the same version of gauss2svg
     failures   a line for each photo that failed
@@ -73,33 +65,32 @@ class PlaceholderList:
     """
 
     def __init__(self, paths: list[str], output: str, options: PlaceholderOptions) -> None:
-        options = dataclasses.replace(options, format=_format_of(output, options.format))
         self._output, self._options = output, options
+        self._form = form = _format_of(output, options.format)
+        self._is_json = form in ("json", "object")
         # Whether the output is an SVG, and not a folder of SVGs or a list.
         is_file = output.lower().endswith(".svg") and not os.path.isdir(output)
-        self._is_one_svg = options.format == "svg" and (is_file or output == STANDARD_STREAM)
-        self._is_json = options.format in ("json", "object")
+        self._is_one_svg = form == "svg" and (is_file or output == files.STANDARD_STREAM)
         self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
         self.photos = listed_photos(paths)
-        self.new: dict[ListedPhoto, Placeholder] = {}
         self.failures: list[str] = []
-        self.unchanged = 0
-        if options.format == "picture":
+        self.count = self.unchanged = 0
+        if form == "picture":
             sources = {file for photo in self.photos for file in _sources(photo)}
             self.photos = [photo for photo in self.photos if Path(photo.path) not in sources]
         elif self._is_one_svg and len(self.photos) > 1:
             raise refusal("--output", "a folder for several SVGs", quoted(output), "-o svgs/")
         keys = [self._key(photo) for photo in self.photos]
-        if options.format == "svg" and not self._is_one_svg:
-            for key in keys:
-                if os.path.isfile(key) and not is_own(key):
-                    needed = "a folder without SVGs of others by the names of the photos"
-                    raise refusal("--output", needed, brief(key), "another folder")
-        if output != STANDARD_STREAM:
-            targets = [Path(name) for name in (keys if options.format == "svg" else [output])]
-            make_folder(targets[0].parent)
-            check_outputs({photo.path: "a photo" for photo in self.photos}, targets)
-        self._data, before = self._read()
+        for key in keys if form == "svg" and not self._is_one_svg else ():
+            if os.path.isfile(key) and not is_own(key):
+                needed = "a folder without SVGs of others by the names of the photos"
+                raise refusal("--output", needed, brief(key), "another folder")
+        if output != files.STANDARD_STREAM:
+            targets = [Path(name) for name in (keys if form == "svg" else [output])]
+            files.make_folder(targets[0].parent)
+            files.check_outputs({photo.path: "a photo" for photo in self.photos}, targets)
+        is_list = form != "svg" and output != files.STANDARD_STREAM and Path(output).is_file()
+        before = self._entries_before() if is_list else {}
         self._entries = {key: before.get(key) for key in keys}
 
     def add(self, photo: ListedPhoto) -> None:
@@ -109,23 +100,19 @@ class PlaceholderList:
         """
         key, options = self._key(photo), self._options
         metadata = (self._entries[key] or {}).get("metadata", {}) if self._is_json else {}
-        if photo.problem is not None:
-            self.failures.append(f"failed: {photo.problem}")
-        elif (metadata.get("sha256"), metadata.get("madeBy")) == (photo.digest, self._made_by):
-            self.unchanged += 1
-        else:
-            try:
+        source = {"sha256": photo.digest, "madeBy": self._made_by}
+        is_unchanged = source.items() <= metadata.items()
+        try:
+            if photo.problem is not None:
+                raise InputError(photo.problem)
+            if not is_unchanged:
                 one = placeholder(photo.path, options.max_bytes, bytes_of=options.bytes_of)
-            except Gauss2SvgError as error:
-                line = str(error).replace("max_bytes must", "--max-bytes must")
-                self.failures.append(f"failed: {of_file(photo.name, line)}")
-            else:
-                self.new[photo], self._entries[key] = one, self._entry(photo, one)
-
-    @property
-    def count(self) -> int:
-        """Number of photos whose placeholder is new or unchanged."""
-        return len(self.new) + self.unchanged
+                self._entries[key] = self._entry(photo, one)
+            self.unchanged += is_unchanged
+            self.count += 1
+        except Gauss2SvgError as error:
+            line = str(error).replace("max_bytes must", "--max-bytes must")
+            self.failures.append(f"failed: {of_file(photo.name, line)}")
 
     def files(self) -> dict[str, bytes]:
         """Return {file name: content} for the files to write.
@@ -134,19 +121,20 @@ class PlaceholderList:
         servers reload their pages whenever a file is written.
         """
         entries = {key: entry for key, entry in self._entries.items() if entry is not None}
-        if self._options.format == "svg":
+        if self._form == "svg":
             return {name: svg.encode() for name, svg in entries.items()}
         if self._is_json:
-            # The name `photo.file` also depends on the names of the other photos. The earlier run
+            # The name `photo.name` also depends on the names of the other photos. The earlier run
             # may have had other photos. So this name is also set in the entries that are kept.
             for photo in self.photos:
                 if entry := entries.get(self._key(photo)):
-                    entry["metadata"]["filename"] = photo.file
-            contents = entries if self._options.format == "object" else [*entries.values()]
+                    entry["metadata"]["filename"] = photo.name
+            contents = entries if self._form == "object" else [*entries.values()]
             text = json.dumps(contents, indent=2) + "\n"
         else:
             text = "".join(f"{line}\n" for line in entries.values())
-        is_same = text.encode() == self._data and Path(self._output).is_file()
+        path = Path(self._output)
+        is_same = path.is_file() and path.read_bytes() == text.encode()
         return {} if is_same else {self._output: text.encode()}
 
     def _key(self, photo: ListedPhoto) -> str:
@@ -156,7 +144,7 @@ class PlaceholderList:
         the photo's path relative to the root. With the formats html and picture, this path is
         written as a URL, with its bytes percent-encoded.
         """
-        if self._options.format == "svg":
+        if self._form == "svg":
             in_folder = str(Path(self._output) / f"{photo.slug}.svg")
             return self._output if self._is_one_svg else in_folder
         root = self._options.root or os.path.dirname(self._output) or "."
@@ -169,46 +157,40 @@ class PlaceholderList:
 
     def _entry(self, photo: ListedPhoto, one: Placeholder) -> Any:
         key = self._key(photo)
-        if self._options.format == "svg":
+        if self._form == "svg":
             return one.svg
-        if self._options.format == "html":
+        if self._form == "html":
             return one.snippet(key)
-        if self._options.format == "picture":
+        if self._form == "picture":
             folder = key[: key.rfind("/") + 1]
-            files = _sources(photo).items()
-            return one.picture(key, {folder + _url(file.name): kind for file, kind in files})
-        record = one.record(photo.file)
+            sources = _sources(photo).items()
+            return one.picture(key, {folder + _url(file.name): kind for file, kind in sources})
+        record = one.record(photo.name)
         record["metadata"] |= {"path": key, "sha256": photo.digest, "madeBy": self._made_by}
         return record
 
-    def _read(self) -> tuple[bytes, dict[str, Any]]:
-        """Return the content of the output file, and its entries as {key of a photo: entry}.
-
-        If there is no such file yet, return b"" and {}.
-        """
-        output, form = self._output, self._options.format
-        if form == "svg" or output == STANDARD_STREAM or not Path(output).is_file():
-            return b"", {}
-        with reading(output, "another name for --output") as file:
+    def _entries_before(self) -> dict[str, Any]:
+        """Return the entries of the output file, which exists, as {key of a photo: entry}."""
+        with files.reading(self._output, "another name for --output") as file:
             data = file.read()
         try:
-            text = text_of(data, output)
+            text = files.text_of(data, self._output)
             if self._is_json:
                 records = json.loads(text)
-                if not isinstance(records, dict if form == "object" else list):
+                if not isinstance(records, dict if self._form == "object" else list):
                     raise TypeError("of another form")
                 entries = records.values() if isinstance(records, dict) else records
-                return data, {entry["metadata"]["path"]: entry for entry in entries}
+                return {entry["metadata"]["path"]: entry for entry in entries}
             # Each photo has a line, which begins with this and the address of the photo.
             begin = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
             lines = [line for line in text.split("\n") if line.strip()]
             lines_by_key = {match[1]: line for line in lines if (match := begin.match(line))}
             if not lines or len(lines_by_key) < len(lines):
                 raise ValueError("not lines of <img>")
-            return data, lines_by_key
+            return lines_by_key
         except (ValueError, TypeError, KeyError, RecursionError) as error:
-            needed = f"a file of placeholders in {form}, or none yet"
-            got = f"{output}, which has something else or is damaged"
+            needed = f"a file of placeholders in {self._form}, or none yet"
+            got = f"{self._output}, which has something else or is damaged"
             raise refusal("--output", needed, got, "another name, or remove it") from error
 
 
@@ -220,7 +202,7 @@ def _format_of(output: str, form: Any) -> Any:
     is_folder = os.path.isdir(output) or output.endswith(("/", os.sep))
     ending = ".svg" if is_folder else os.path.splitext(output)[1].lower()
     formats = {".json": "json", ".html": "html", ".htm": "html", ".svg": "svg"}
-    named = formats.get(ending, "another" if ending in FILE_ENDINGS else "")
+    named = formats.get(ending, "another" if ending in files.FILE_ENDINGS else "")
     form = form or {"another": "svg", "": "json"}.get(named, named)
     like = {"object": "json", "picture": "html"}.get(form, form)  # the same endings
     if named not in ("", like):

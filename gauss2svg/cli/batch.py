@@ -15,7 +15,6 @@ from gauss2svg.cli.parser import STATUS_SOME_FAILED, options_of_file, run_option
 from gauss2svg.cli.terminal import say
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS
-from gauss2svg.pipeline.progress_display import counting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +47,7 @@ SECTIONS |= {title: GROUPS[key] for key, title in GROUP_TITLES.items()}
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    from gauss2svg.batch.many import Batch, Summary
+    from gauss2svg.batch.many import Batch
 
     command = BatchCommand.of(given)
     files.check_folder(command.output)
@@ -57,18 +56,15 @@ def run(given: dict[str, Any]) -> int:
         # If standard output is closed, this raises an error before any work is done.
         files.standard_stream(sys.stdout, "output")
     job = Batch(command.photos, command.output, options, BatchOptions.of(given))
-    summary, count = Summary(), job.count
+    summary = job.summary
     try:
-        with counting(command.quiet) as update, closing(job.run()) as records:
-            update("", 0, count)
+        with closing(job.run(quiet=command.quiet)) as records:
             for record in records:
-                summary.add(record)
                 if command.log == "json":
                     files.write_output(json.dumps(record._asdict()).encode() + b"\n")
-                update(summary.progress_text(count), summary.total, count)
     except KeyboardInterrupt as interrupt:
         say(f"see {job.table}")
-        done = f"{summary.done + summary.skipped:,} of {count:,} photos are done"
+        done = f"{summary.done + summary.skipped:,} of {summary.count:,} photos are done"
         interrupt.args = (f"interrupted; {done}, and the same command goes on with the others",)
         raise
     if not command.quiet:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from gauss2svg import files
+from gauss2svg.cli.parser import STATUS_SOME_FAILED
 from gauss2svg.cli.terminal import say
 from gauss2svg.errors import Gauss2SvgError, brief, of_file, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
@@ -69,7 +70,7 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.measure.check import check
 
     asked, output, options = CheckFiles.of(given), CheckOutput.of(given), CheckOptions.of(given)
-    pairs, alone = _pairs(asked)
+    pairs, lines = _pairs(asked)
     is_one = len(asked.svg) == len(pairs) == 1 and not os.path.isdir(asked.photo)
     inputs = {photo: "the photo" for photo, _ in pairs} | {svg: "the SVG" for _, svg in pairs}
     if asked.reference is not None:
@@ -77,34 +78,29 @@ def run(given: dict[str, Any]) -> int:
         if len({photo for photo, _ in pairs}) > 1:
             got = f"{len(pairs)} photos"
             raise refusal("--reference", "given with one photo", got, "one photo")
-    folders = {os.path.dirname(os.path.abspath(svg)) for _, svg in pairs}
-    root = None if is_one else os.path.commonpath(folders)
+    # Folder in which all SVGs of a table are
+    root = None if is_one else os.path.commonpath([_folder(svg) for _, svg in pairs])
     targets = [_pictures(output, svg, root) for _, svg in pairs]
     is_printed = str(output.report) == STANDARD_STREAM
-    report = [] if output.report is None or is_printed else [output.report]
-    report = [Path(in_folder(path, "check.json")) for path in report]
-    pictures = [item for each in targets for item in each.items()]
-    for name, path in [*(("report", path) for path in report), *pictures]:
-        check_ending(flag_of(name), path, (".json" if name == "report" else ".png",))
-    for path in () if is_one else {path.parent for _, path in pictures}:
-        files.make_folder(path)
-    files.check_outputs(inputs, [*report, *(path for _, path in pictures)])
+    outputs = [path for paths in targets for path in paths.values()]
+    for folder in () if is_one else {path.parent for path in outputs}:
+        files.make_folder(folder)
+    reports = [Path(in_folder(output.report, "check.json"))] if output.report else []
+    reports = [] if is_printed else reports
+    for path in reports:
+        check_ending("--report", path, (".json",))
+    files.check_outputs(inputs, [*outputs, *reports])
     records: list[dict[str, Any]] = []
     contents: dict[Path, bytes] = {}
-    lines, status = [], 0
-    if alone:
-        more = f" and {len(alone) - 10} more" if len(alone) > 10 else ""
-        lines.append(f"without a partner of the same name: {', '.join(alone[:10])}{more}")
-        status = 1
+    status = STATUS_SOME_FAILED if lines else 0
     with counting(output.quiet or is_one) as update:
         for (photo, svg), paths in zip(pairs, targets, strict=True):
             update(svg, len(records), len(pairs))
+            stdin = files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else None
             try:
                 result = check(
                     files.read_input() if photo == STANDARD_STREAM else photo,
-                    files.standard_stream(sys.stdin, "input")
-                    if svg == STANDARD_STREAM
-                    else Path(svg),
+                    stdin or Path(svg),
                     reference=asked.reference,
                     **dataclasses.asdict(options),
                 )
@@ -121,16 +117,15 @@ def run(given: dict[str, Any]) -> int:
             contents |= {path: makers[name]() for name, path in paths.items()}
             lowest = min(p for p in (result.psnr, result.psnr_black) if p is not None)
             if output.min_psnr is not None and lowest < output.min_psnr:
-                lines.append(
-                    f"{svg}: PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}"
-                )
-                status = max(status, 1)
-    of_files = ("photo", "svg")  # keys that only the reports of several SVGs have
-    reported = {k: v for k, v in records[0].items() if k not in of_files} if is_one else records
-    contents |= {path: files.as_json(reported) for path in report}
-    files.write_all_atomically(contents)
+                limit = f"below --min-psnr {output.min_psnr:g}"
+                lines.append(f"{svg}: PSNR is {lowest:.2f} dB, {limit}")
+                status = max(status, STATUS_SOME_FAILED)
+    # Only the reports of several SVGs have the names of the files.
+    one = {name: value for name, value in records[0].items() if name not in ("photo", "svg")}
+    report = files.as_json(one if is_one else records)
+    files.write_all_atomically(contents | dict.fromkeys(reports, report))
     if is_printed:
-        files.write_output(files.as_json(reported))
+        files.write_output(report)
     if is_one and not output.quiet:
         print_check(records[0], pairs[0][1])
     elif is_printed and not output.quiet:  # standard output is the report
@@ -143,28 +138,14 @@ def run(given: dict[str, Any]) -> int:
 
 
 def _pairs(asked: CheckFiles) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return the photo and the SVG of each comparison, and files of folders without a partner.
+    """Return the photo and the SVG of each comparison, and a line on files without a partner.
 
     Raise InputError if there is no comparison.
     """
     photos, svgs = expanded([asked.photo]), expanded(asked.svg)
     photo = photos[0]
     if os.path.isdir(photo):
-        from gauss2svg.batch.inputs import photos_of
-
-        folder = svgs[0] if svgs else photo
-        names = [(path, os.path.join(folder, name)) for path, name in photos_of([photo])]
-        pairs = [(p, n + end) for p, n in names for end in SVG_ENDINGS if os.path.isfile(n + end)]
-        svg_files = [
-            p for p in sorted(Path(folder).rglob("*")) if str(p).lower().endswith(SVG_ENDINGS)
-        ]
-        paired = {Path(path) for pair in pairs for path in pair}
-        alone = [str(p) for p in (*(Path(p) for p, _ in names), *svg_files) if p not in paired]
-        if not pairs or len(svgs) > 1:
-            got = brief(", ".join(svgs[1:])) if pairs else f"none in {folder}"
-            advice = command_line(["gauss2svg", "batch", photo, "-o", folder])
-            raise refusal("SVGs", "in a folder and have the names of the photos", got, advice)
-        return pairs, alone
+        return _pairs_of_folders(photo, svgs)
     if not svgs:
         raise refusal("SVG", "given", "none", "gauss2svg check --help")
     is_wrong = any(name.lower().endswith(SUFFIXES) for name in svgs)
@@ -172,6 +153,28 @@ def _pairs(asked: CheckFiles) -> tuple[list[tuple[str, str]], list[str]]:
         got = brief(", ".join([*photos, *svgs]))
         raise refusal("files", "one photo and then SVGs", got, "gauss2svg check PHOTO SVG")
     return [(photo, svg) for svg in svgs], []
+
+
+def _pairs_of_folders(photos: str, svgs: list[str]) -> tuple[list[tuple[str, str]], list[str]]:
+    from gauss2svg.batch.inputs import photos_of
+
+    folder = svgs[0] if svgs else photos
+    names = [(path, os.path.join(folder, name)) for path, name in photos_of([photos])]
+    pairs = [(p, n + end) for p, n in names for end in SVG_ENDINGS if os.path.isfile(n + end)]
+    if not pairs or len(svgs) > 1:
+        got = brief(", ".join(svgs[1:])) if pairs else f"none in {folder}"
+        advice = command_line(["gauss2svg", "batch", photos, "-o", folder])
+        raise refusal("SVGs", "in a folder and have the names of the photos", got, advice)
+    paired = {Path(path) for pair in pairs for path in pair}
+    found = [path for path in sorted(Path(folder).rglob("*")) if path.suffix.lower() in SVG_ENDINGS]
+    alone = [str(p) for p in (*(Path(p) for p, _ in names), *found) if p not in paired]
+    more = f" and {len(alone) - 10} more" if len(alone) > 10 else ""
+    line = f"without a partner of the same name: {', '.join(alone[:10])}{more}"
+    return pairs, [line] * bool(alone)
+
+
+def _folder(path: str) -> str:
+    return os.path.dirname(os.path.abspath(path))
 
 
 def _pictures(output: CheckOutput, svg: str, root: str | None) -> dict[str, Path]:
@@ -184,12 +187,14 @@ def _pictures(output: CheckOutput, svg: str, root: str | None) -> dict[str, Path
     pictures = {}
     for name in ("heatmap", "preview"):
         path, file = getattr(output, name), f"{stem}-{name}.png"
-        if path is not None and root is None:
+        if path is None:
+            continue
+        if root is None:
             pictures[name] = Path(in_folder(path, file))
-        elif path is not None and root is not None:
-            if path.suffix.lower() == ".png":
-                got, advice = str(path), f"{path.stem}/"
-                raise refusal(flag_of(name), "a folder, for several SVGs", got, advice)
-            below = os.path.relpath(os.path.dirname(os.path.abspath(svg)), root)
-            pictures[name] = path / below / file
+            check_ending(flag_of(name), pictures[name], (".png",))
+        elif path.suffix.lower() == ".png":
+            advice = f"{path.stem}/"
+            raise refusal(flag_of(name), "a folder, for several SVGs", str(path), advice)
+        else:
+            pictures[name] = path / os.path.relpath(_folder(svg), root) / file
     return pictures

@@ -7,8 +7,8 @@ try:
 except ImportError as error:
     raise SystemExit("error: completion needs shtab. Try `pip install shtab`") from error
 
-from gauss2svg.cli.main import COMMANDS, command_of
-from gauss2svg.cli.parser import Parser
+from gauss2svg.cli.main import command_of
+from gauss2svg.cli.parser import COMMANDS, Parser
 from gauss2svg.cli.terminal import drop_output
 from gauss2svg.options import fields_of
 

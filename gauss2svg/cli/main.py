@@ -13,39 +13,12 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, get_args
 
-from gauss2svg.cli.parser import Parser
-from gauss2svg.cli.terminal import (
-    SIGNALS,
-    UNTOUCHED,
-    Terminated,
-    drop_output,
-    handling,
-    prepare_streams,
-    say,
-    set_handlers,
-    status_of,
-)
+from gauss2svg.cli import terminal
+from gauss2svg.cli.parser import COMMANDS, Parser
 from gauss2svg.errors import Gauss2SvgError, error_line, nearest, refusal
 from gauss2svg.options import Renderer, flag_of
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.version import __version__
-
-# {command: (what it does, arguments that its help shows)}
-_OF_PHOTOS = "PHOTOS -o OUT [OPTIONS]"
-COMMANDS = {
-    "batch": ("Vectorise many photos, on one machine or a cluster.", _OF_PHOTOS),
-    "bench": ("Compare settings and other tools in tables and plots.", _OF_PHOTOS),
-    "check": (
-        "Measure how closely any SVG matches a photo.",
-        "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]",
-    ),
-    "gallery": ("Write web pages that compare results for photos.", _OF_PHOTOS),
-    "placeholder": (
-        "Write SVGs of about a kilobyte to show while photos load.",
-        "PHOTOS [-o OUT] [OPTIONS]",
-    ),
-    "studio": ("Vectorise photos in the browser, on this machine.", "[FOLDER] [OPTIONS]"),
-}
 
 
 def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
@@ -63,7 +36,7 @@ def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
     module = import_module(f"gauss2svg.cli.{name or 'vectorize'}")
     text, usage = COMMANDS[name] if name else (module.ABOUT, module.USAGE)
     has_help = not {"--help", "-h", "--help-all"}.isdisjoint(words)
-    parser = Parser(name, usage, text, has_help, COMMANDS)
+    parser = Parser(name, usage, text, has_help)
     for title, group in module.SECTIONS.items():
         shown = bool(name) or "--help-all" in words or title in module.COMMON
         parser.add_group(title, group, shown)
@@ -101,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
     logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        with handling():
+        with terminal.handling():
             module, parser, rest = command_of(words or ["--help"])
             if parser.has_help:
                 print(parser.format_help(), end="")
@@ -118,16 +91,17 @@ def main(arguments: list[str] | None = None) -> int:
     except OSError as error:
         # This is an error of a standard stream. An error of any other file would be a
         # Gauss2SvgError.
-        drop_output()
+        terminal.drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except KeyboardInterrupt as interrupt:
-        say(str(interrupt) or UNTOUCHED)
-        return status_of(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
+        terminal.say(str(interrupt) or terminal.UNTOUCHED)
+        is_term = isinstance(interrupt, terminal.Terminated)
+        return terminal.status_of(signal.SIGTERM if is_term else signal.SIGINT)
 
 
 def run() -> None:
     """Run the command and exit with its status."""
-    prepare_streams()
+    terminal.prepare_streams()
     # Python searches for garbage each time that it has made 700 more objects. Imports make more
     # than a hundred thousand objects, nearly all of which are kept. Commands for many photos or
     # requests make more garbage, so they keep the usual search.
@@ -135,7 +109,7 @@ def run() -> None:
         gc.set_threshold(1_000_000)
     status = main()
     # The exit status is already known.
-    set_handlers(dict.fromkeys(SIGNALS, signal.SIG_IGN))
+    terminal.set_handlers(dict.fromkeys(terminal.SIGNALS, signal.SIG_IGN))
     sys.exit(status)
 
 
@@ -188,5 +162,5 @@ def _with_dashes(line: str, words: Sequence[str]) -> str:
 
 
 def _refuse(message: str) -> int:
-    say(" ".join(message.split()))
+    terminal.say(" ".join(message.split()))
     return 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import shutil
-from collections.abc import Collection
 from functools import partial
 from importlib import import_module
 from itertools import chain
@@ -18,27 +17,34 @@ from gauss2svg.options import Field, OptionGroup, byte_size, fields_of, file_pat
 from gauss2svg.pipeline.options import GROUPS, Options
 
 STATUS_SOME_FAILED = 1  # exit status of a command if some photos or runs failed
-_PHOTO = "gauss2svg PHOTO"  # the command that has no name
 _FILES = ("photos", "photo", "svg", "folder")  # fields that are files without an option before them
+# {command: (what it does, arguments that its help shows)}
+_OF_PHOTOS = "PHOTOS -o OUT [OPTIONS]"
+COMMANDS = {
+    "batch": ("Vectorise many photos, on one machine or a cluster.", _OF_PHOTOS),
+    "bench": ("Compare settings and other tools in tables and plots.", _OF_PHOTOS),
+    "check": (
+        "Measure how closely any SVG matches a photo.",
+        "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]",
+    ),
+    "gallery": ("Write web pages that compare results for photos.", _OF_PHOTOS),
+    "placeholder": (
+        "Write SVGs of about a kilobyte to show while photos load.",
+        "PHOTOS [-o OUT] [OPTIONS]",
+    ),
+    "studio": ("Vectorise photos in the browser, on this machine.", "[FOLDER] [OPTIONS]"),
+}
 
 
 class Parser(argparse.ArgumentParser):
-    """The parser of one command.
+    """The parser of one command, whose name is "" for the command `gauss2svg PHOTO`.
 
     groups    the classes of options that were added
-    commands  names of all commands, which a refusal of an option of another command looks through
     has_help  whether the help will be printed. The texts of the options are only then read, because
               this takes time.
     """
 
-    def __init__(
-        self,
-        command: str,
-        usage: str,
-        about: str,
-        has_help: bool,
-        commands: Collection[str] = (),
-    ) -> None:
+    def __init__(self, command: str, usage: str, about: str, has_help: bool) -> None:
         name = f"gauss2svg {command}".rstrip()
         width = min(shutil.get_terminal_size().columns, 100)  # longer lines are hard to read
         super().__init__(
@@ -51,9 +57,7 @@ class Parser(argparse.ArgumentParser):
         )  # fmt: skip
         self.groups: list[type[OptionGroup]] = []
         self.has_help = has_help
-        self._advice = f"{name} {'--help' if command else '--help-all'}"
-        self._commands = commands
-        self._own = name if command else _PHOTO
+        self._command, self._advice = command, f"{name} {'--help' if command else '--help-all'}"
 
     def add_group(self, title: str, group: type[OptionGroup], shown: bool = True) -> None:
         """Add an argument for each field of a class, in a section of the help.
@@ -82,11 +86,12 @@ class Parser(argparse.ArgumentParser):
             if not word.startswith("-"):
                 raise refusal(word, "left out", "a file too many", self._advice)
             name = word.partition("=")[0]
-            if others := _commands_with(name, self._commands):
-                needed, got = f"given with {' or '.join(others)}", f"it with {self._own}"
-                is_photo = others[0] == _PHOTO
-                advice = "gauss2svg --help-all" if is_photo else f"{others[0]} --help"
-                raise refusal(name, needed, got, advice)
+            if others := _commands_with(name):
+                needed = f"given with {' or '.join(map(_shown, others))}"
+                advice = f"{others[0]} --help" if others[0] else "--help-all"
+                raise refusal(
+                    name, needed, f"it with {_shown(self._command)}", f"gauss2svg {advice}"
+                )
             names = [name for action in self._actions for name in action.option_strings]
             raise refusal(name, "an option", "an unknown one", nearest(name, names) or self._advice)
         given = vars(known)
@@ -97,15 +102,19 @@ class Parser(argparse.ArgumentParser):
         return given
 
 
-def _commands_with(option: str, commands: Collection[str]) -> list[str]:
-    """Return the commands that have an option, such as "gauss2svg batch" for "--scheduler"."""
+def _commands_with(option: str) -> list[str]:
+    """Return the commands that have an option, such as "batch" for "--scheduler"."""
     found = []
-    for command in ("vectorize", *commands):
-        groups = import_module(f"gauss2svg.cli.{command}").SECTIONS.values()
+    for command in ("", *COMMANDS):
+        groups = import_module(f"gauss2svg.cli.{command or 'vectorize'}").SECTIONS.values()
         fields = [field.name for group in groups for field in fields_of(group)]
         if option in [flag_of(name) for name in fields if name not in _FILES]:
-            found.append(f"gauss2svg {command}" if command in commands else _PHOTO)
+            found.append(command)
     return found
+
+
+def _shown(command: str) -> str:
+    return f"gauss2svg {command or 'PHOTO'}"
 
 
 def options_of_file(path: Path) -> dict[str, Any]:

@@ -45,7 +45,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
         "file": f"{output}, {r['width']}x{r['height']} px, {_size(r)}",
         "shapes": f"{shapes}: {_STOPPED[r['stop_reason']]}",
         "match": f"{_match(r)}{at} ({scale})",
-        "focus": _psnrs(r, {"inside": "inside of the mask", "outside": "outside"})
+        "focus": _psnrs(r, {"_inside": "inside of the mask", "_outside": "outside"})
         if r["focus_strength"] is not None
         else "",
         "transparency": _transparency(r),
@@ -127,13 +127,13 @@ def _transparency(report: dict[str, Any]) -> str:
     """Return text with the PSNRs of a transparent photo, or "" for an opaque one."""
     if not report["transparent"]:
         return ""
-    return _psnrs(report, {"": "over white", "black": "over black", "alpha": "of alpha"})
+    return _psnrs(report, {"": "over white", "_black": "over black", "_alpha": "of alpha"})
 
 
 def _psnrs(report: dict[str, Any], parts: dict[str, str]) -> str:
     """Return text with the PSNR of each part of the picture, whose names are given in words."""
-    keys = {part: f"psnr_svg_{part}".rstrip("_") for part in parts}
-    return "PSNR " + ", ".join(f"{decibels(report[keys[p]])} {w}" for p, w in parts.items())
+    psnrs = {words: report[f"psnr_svg{part}"] for part, words in parts.items()}
+    return "PSNR " + ", ".join(f"{decibels(psnr)} {words}" for words, psnr in psnrs.items())
 
 
 def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: list[str]) -> None:

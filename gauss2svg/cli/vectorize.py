@@ -1,6 +1,5 @@
 """The command `gauss2svg PHOTO -o OUT.svg`."""
 
-import dataclasses
 import os
 import sys
 import time
@@ -110,35 +109,22 @@ class Files(Plotter, PlatesAndPens, OutputFiles, InputFiles):
     """Options for all files except the photo and the SVG."""
 
     @property
-    def outputs(self) -> dict[str, Path]:
-        """The output files that are given, by their options, without a report that is printed."""
-        given = {name: path for name in _ENDINGS if (path := getattr(self, name)) is not None}
-        if self.prints_report:
-            given.pop("report")
-        return given
-
-    @property
     def prints_report(self) -> bool:
         """Whether the report is printed on standard output."""
         return str(self.report) == STANDARD_STREAM
 
-    def in_folders(self, stem: str) -> "Files":
-        """Return the options with a file in place of each output that is a folder.
+    def paths(self, stem: str) -> dict[str, Path]:
+        """Return the output files that are given, by their options, without a printed report.
 
-        stem  name of the photo without its ending, with which names of such files begin
+        In place of a folder is a file in it, whose name begins with `stem`.
         """
-        paths = {
-            name: Path(in_folder(path, f"{stem}-{name.removeprefix('save_')}{_ENDINGS[name][0]}"))
-            for name, path in self.outputs.items()
-        }
-        return dataclasses.replace(self, **paths)
-
-    def plates(self, count: int) -> list[Path]:
-        """Return the paths of the first `count` plates, or [] if --separations is not given."""
-        path = self.separations
-        if path is None:
-            return []
-        return [path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
+        paths = {}
+        for name, endings in _ENDINGS.items():
+            path = getattr(self, name)
+            if path is not None and not (name == "report" and self.prints_report):
+                file = f"{stem}-{name.removeprefix('save_')}{endings[0]}"
+                paths[name] = Path(in_folder(path, file))
+        return paths
 
 
 COMMON = {"Parameters": Command, "Goal": Goal, "Output files": OutputFiles}  # sections of --help
@@ -168,14 +154,16 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
     interruption = Interruption()
     with handling(interruption.receive):
         stem = "photo" if photo == STANDARD_STREAM else Path(photo).stem
-        output = _output(photo, output, stem, extras.overwrite)
-        extras = extras.in_folders(stem)
-        options = _checked(photo, output, options, extras)
+        output, paths = _output(photo, output, stem, extras.overwrite), extras.paths(stem)
+        _check_together(options, extras, output)
+        _check_files(photo, output, options, extras, paths)
+        if output.lower().endswith(".svgz"):
+            options = options.changed(gzip=True)
         result = _result(photo, output, options, extras, interruption)
         # The summary tells which targets were missed. With --quiet, there is no summary. A line is
         # then printed for each missed target, because the user must know of it.
         lines = [*result.report["unreached"]] if extras.quiet else []
-        lines += _write(result, output, extras)
+        lines += _write(result, output, extras, paths)
         written_to = "standard output" if output == STANDARD_STREAM else output
         if not extras.quiet:
             from gauss2svg.cli.summary import print_summary
@@ -200,11 +188,9 @@ def _output(photo: str, output: str | None, stem: str, overwrite: bool) -> str:
     """
     if output == STANDARD_STREAM:
         return output
-    if output == "":
-        raise InputError("--output must be the name of a file or folder; got none. Try -o out.svg")
-    if output is None and photo == STANDARD_STREAM:
-        advice = "-o out.svg, or -o - for standard output"
-        raise InputError(f"--output must be given if the photo is standard input. Try {advice}")
+    if output == "" or (output is None and photo == STANDARD_STREAM):
+        needed, advice = "the name of a file or folder", "-o out.svg, or -o - for standard output"
+        raise refusal("--output", needed, "none", advice)
     path = in_folder(output, f"{stem}.svg") if output else str(Path(photo).with_suffix(".svg"))
     if path == photo and output is None:
         raise refusal("the photo", "another image than an SVG", photo, "a PNG or JPEG of it")
@@ -219,41 +205,43 @@ def _output(photo: str, output: str | None, stem: str, overwrite: bool) -> str:
     return path
 
 
-def _checked(photo: str, output: str, options: Options, extras: Files) -> Options:
-    """Return the options, as the output files need them.
+def _check_files(
+    photo: str, output: str, options: Options, extras: Files, paths: dict[str, Path]
+) -> None:
+    """Raise InputError if an output would replace an input, or has a wrong ending.
 
-    If the name of the output ends in .svgz, gzip is turned on.
+    Raise OutputError if an output cannot be written.
 
-    Raise InputError if an output file cannot be made with these options, has a wrong ending, or
-    would replace the photo, the mask or the scene. Raise OutputError if a file cannot be written.
+    paths  output files by their options
     """
-    from gauss2svg.svg.file import is_svgz
-
-    if extras.prints_report and output == STANDARD_STREAM:
-        raise refusal("--report", "a file if -o is standard output", "-", "--report report.json")
-    _check_together(options, extras)
-    if extras.cut:
-        from gauss2svg.svg.plates import require_shapely  # few runs need it
-
-        require_shapely()
     targets = [] if output == STANDARD_STREAM else [Path(output)]
-    targets += [path for name, path in extras.outputs.items() if name != "separations"]
+    targets += [path for name, path in paths.items() if name != "separations"]
     inks = options.fit.inks
-    if inks is not None:
-        targets += extras.plates(inks if isinstance(inks, int) else str(inks).count(",") + 1)
+    if "separations" in paths:
+        count = inks if isinstance(inks, int) else str(inks).count(",") + 1
+        targets += _plates(paths["separations"], count)
     inputs = {photo: "the photo", extras.focus: "the mask", extras.start: "the scene"}
     files.check_outputs({str(path): text for path, text in inputs.items() if path}, targets)
     if output != STANDARD_STREAM:
         check_ending("--output", output, SVG_ENDINGS)
-    for name, path in extras.outputs.items():
+    for name, path in paths.items():
         check_ending(flag_of(name), path, _ENDINGS[name])
-    return options.changed(gzip=True) if is_svgz(output) else options
 
 
-def _check_together(options: Options, extras: Files) -> None:
-    """Raise InputError if an option of an output file needs or excludes another option."""
+def _plates(path: Path, count: int) -> list[Path]:
+    """Return the paths of the first `count` plates: plate-1.svg, plate-2.svg for plate.svg."""
+    return [path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
+
+
+def _check_together(options: Options, extras: Files, output: str) -> None:
+    """Raise InputError if an option of an output file needs or excludes another option.
+
+    Also raise it if --cut needs a package that is not installed.
+    """
     inks, plates = options.fit.inks, extras.separations
+    two_streams = extras.prints_report and output == STANDARD_STREAM
     rules = [
+        (two_streams, "--report", "with a file if -o is standard output"),
         (extras.outline and options.written_blend == ADD, "--outline", f"without --blend {ADD}"),
         (plates and inks is None, "--separations", "with --inks 3"),
         (extras.cut and inks is None, "--cut", "with --inks 3"),
@@ -266,6 +254,10 @@ def _check_together(options: Options, extras: Files) -> None:
     for is_broken, name, other in rules:
         if is_broken:
             raise InputError(f"{name} must be given {other}")
+    if extras.cut:
+        from gauss2svg.svg.plates import require_shapely  # few runs need it
+
+        require_shapely()
 
 
 def _result(
@@ -282,8 +274,8 @@ def _result(
         from gauss2svg.scene import Scene
         from gauss2svg.svg.read import read_svg
 
-        is_scene = extras.start.suffix.lower() == ".npz"
-        start = Scene.load(extras.start) if is_scene else read_svg(extras.start)
+        read = Scene.load if extras.start.suffix.lower() == ".npz" else read_svg
+        start = read(extras.start)
     started = _PROGRAM_START_S if options.goal.time_limit is not None else None
     with watched(not extras.quiet) as progress:
         return vectorize_by(
@@ -292,28 +284,22 @@ def _result(
         )  # fmt: skip
 
 
-def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
+def _write(result: "Result", output: str, extras: Files, paths: dict[str, Path]) -> Iterator[str]:
     """Write all files. Yield the lines that are to be printed about plots and plates."""
     from gauss2svg.svg.file import file_bytes, is_svgz
 
-    svg = file_bytes(result.svg, result.report["gzip"])
-    contents: dict[files.FileName, bytes] = {}
-    if output == STANDARD_STREAM:
-        files.write_output(svg)
-    else:
-        contents[output] = svg
     svgs: dict[Path, str] = {}
     lines: list[str] = []
-    if extras.plot is not None:
+    if "plot" in paths:
         plot = result.plot(Plotter.of(vars(extras)))
-        svgs[extras.plot] = plot.svg
-        lines.append(f"{extras.plot}: {plot}")
-    if extras.outline is not None:
-        svgs[extras.outline] = result.outline(extras.cut, extras.trap or 0.0)
-    if extras.separations is not None:
+        svgs[paths["plot"]] = plot.svg
+        lines.append(f"{paths['plot']}: {plot}")
+    if "outline" in paths:
+        svgs[paths["outline"]] = result.outline(extras.cut, extras.trap or 0.0)
+    if "separations" in paths:
         plates = result.plates(extras.cut, extras.trap or 0.0, extras.marks)
         inks = result.report["inks"].split(",")
-        for path, ink in zip(extras.plates(len(inks)), inks, strict=True):
+        for path, ink in zip(_plates(paths["separations"], len(inks)), inks, strict=True):
             if ink in plates:
                 svgs[path] = plates[ink]
                 lines.append(f"{path}: {ink}")
@@ -323,13 +309,19 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
         parts = "1 part is" if count == 1 else f"{count:,} parts are"
         thin = f"{parts} too thin to cut (0.3 mm), and left to the ink beside"
         lines.append(f"{thin}. Try a larger --size")
+    contents: dict[files.FileName, bytes] = {}
+    svg = file_bytes(result.svg, result.report["gzip"])
+    if output == STANDARD_STREAM:
+        files.write_output(svg)
+    else:
+        contents[output] = svg
     contents |= {path: file_bytes(text, is_svgz(path)) for path, text in svgs.items()}
-    if extras.preview is not None:
-        contents[extras.preview] = files.as_png(result.raster)
-    if extras.save_scene is not None:
-        contents[extras.save_scene] = files.saved(result.scene.save)
-    if "report" in extras.outputs:
-        contents[extras.outputs["report"]] = files.as_json(result.report)
+    if "preview" in paths:
+        contents[paths["preview"]] = files.as_png(result.raster)
+    if "save_scene" in paths:
+        contents[paths["save_scene"]] = files.saved(result.scene.save)
+    if "report" in paths:
+        contents[paths["report"]] = files.as_json(result.report)
     files.write_all_atomically(contents)
     if extras.prints_report:
         files.write_output(files.as_json(result.report))

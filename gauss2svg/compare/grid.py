@@ -26,11 +26,13 @@ from gauss2svg.batch.many import as_cell
 from gauss2svg.compare.records import Row, machine, record_or_error
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
-from gauss2svg.files import check_writable, make_folder, reading, writing
+from gauss2svg.files import make_folder, reading, writing
 from gauss2svg.measure import packages
-from gauss2svg.options import file_name
+from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
+
+FOLDER = "the name of a folder, such as . for this one"  # needed directory, for error messages
 
 
 @cache
@@ -51,6 +53,7 @@ class Task:
 
     Only a gallery prepares photos.
 
+    photo         photo of the run
     variant       variant of the run, or None if the task prepares a photo
     parameters    entries of the request besides those of the photo and the variant
     dependencies  values on which the result depends, besides those that are part of every key
@@ -73,8 +76,7 @@ class Task:
         """Argument of the function that does this task."""
         variant = self.variant
         tool = {"tool": variant.tool, "settings": dict(variant.settings)} if variant else {}
-        method = {name: self.entry[name] for name in ("file", "numbers") if self.entry}
-        return {"source": self.photo.path, **tool, **method, **self.parameters}
+        return {"source": self.photo.path, **tool, **self.entry, **self.parameters}
 
     @cached_property
     def key(self) -> str:
@@ -85,22 +87,13 @@ class Task:
         software = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
         # Other tools do not use the seed, so a record of another tool stays valid if it changes.
         seed = self.columns["seed"] if self.variant and self.variant.is_own else None
-        method = self.entry.get("digest"), self.entry.get("numbers")
-        parts = [self.photo.digest, *software, self.variant, seed, *method, *self.dependencies]
-        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+        own = self.photo.digest, self.variant, seed, self.entry, self.dependencies
+        return hashlib.sha256(json.dumps([software, own]).encode()).hexdigest()
 
-    def record(self, answer: Mapping[str, Any]) -> Row:
-        """Return the record: photo, variant, date, machine, and the items of `answer`."""
-        return {
-            "key": self.key,
-            **(self.variant.columns if self.variant else {}),
-            "image": self.photo.name,
-            "image_sha256": self.photo.digest,
-            **self.columns,
-            "date": datetime.now(UTC).isoformat(timespec="seconds"),
-            "machine": machine(),
-            **answer,
-        }
+    @property
+    def name(self) -> str:
+        """Names of the photo and of the variant."""
+        return self.photo.name + (f", {self.variant.label}" if self.variant else "")
 
 
 class Progress(NamedTuple):
@@ -121,7 +114,9 @@ class Progress(NamedTuple):
 class Grid:
     """The tasks of a grid and their records.
 
-    path     file of all records
+    path      file of all records. It and its folder are created if they do not exist
+    progress  function that is called with a Progress when a task begins or ends. True shows a bar
+              on a terminal or in a notebook
     records  record of each task, in the order of the tasks. A record is empty until its task has
              ended. If the task failed, the record has the entry "error", which says why.
     kept     number of runs that are not made again, because `path` already had their records
@@ -129,12 +124,14 @@ class Grid:
     """
 
     def __init__(
-        self, path: Path, tasks: Iterable[Task], progress: Callable[[Progress], None] | None
+        self, path: Path, tasks: Iterable[Task], progress: Callable[[Progress], None] | bool | None
     ) -> None:
-        self._path, self._progress = path, progress or (lambda _: None)
+        self._path, self._progress = path, progress
+        make_folder(path.parent)
+        with writing(path), path.open("ab"):
+            pass  # if the file cannot be written, this raises an error before the first task
         self.records: dict[Task, Row] = {task: {} for task in tasks}
         self.total = len(self.records)
-        self._now: list[Task] = []
         rows_before = rows_in(path)
         for task in self.records:
             row = rows_before.get(task.columns.get("folder", task.key), {"key": ""})
@@ -158,35 +155,49 @@ class Grid:
         cannot be written, for example because the disk is full. The other tasks would then fail
         too.
         """
+        now: list[Task] = []
+
+        def report() -> None:
+            done = sum(map(bool, self.records.values()))
+            state = Progress(done, self.total, self.kept, tuple(task.name for task in now))
+            update("; ".join(state.now), state.done, state.total)
+            if callable(self._progress):
+                self._progress(state)
 
         def submitted(task: Task) -> Future[Row]:
-            self._now.append(task)
-            self._report()
+            now.append(task)
+            report()
             if task.file is not None and task.file.exists():
                 # The file will be replaced, so its old record must not be used again, even if this
                 # run is interrupted.
-                add_row(self._path, task.record({"error": "it was interrupted"}))
+                row = {"key": task.key, "folder": task.columns["folder"]}
+                add_row(self._path, row | {"error": "it was interrupted"})
             return pool.submit(record_or_error, make, task.request)
 
-        self._report()
         missing = (task for task in tasks if not self.records[task])
-        for task, job in completed(submitted, missing, pool.workers):
-            try:
-                answer = job.result()
-            except WorkerDiedError as error:
-                answer = {"error": f"its worker died: {error}"}
-            self._now.remove(task)
-            if "fatal" in answer:
-                raise OutputError(answer["error"])
-            self.records[task] = record = task.record(answer)
-            add_row(self._path, record)
-            yield record
-            self._report()
-
-    def _report(self) -> None:
-        done = sum(map(bool, self.records.values()))
-        now = (t.photo.name + (f", {t.variant.name}" if t.variant else "") for t in self._now)
-        self._progress(Progress(done, self.total, self.kept, tuple(now)))
+        with counting(quiet=self._progress is not True) as update:
+            report()
+            for task, job in completed(submitted, missing, pool.workers):
+                try:
+                    answer = job.result()
+                except WorkerDiedError as error:
+                    answer = {"error": f"its worker died: {error}"}
+                now.remove(task)
+                if "fatal" in answer:
+                    raise OutputError(answer["error"])
+                self.records[task] = record = {
+                    "key": task.key,
+                    **(task.variant.columns if task.variant else {}),
+                    "image": task.photo.name,
+                    "image_sha256": task.photo.digest,
+                    **task.columns,
+                    "date": datetime.now(UTC).isoformat(timespec="seconds"),
+                    "machine": machine(),
+                    **answer,
+                }
+                add_row(self._path, record)
+                yield record
+                report()
 
 
 def rows_in(path: Path) -> dict[str, Row]:
@@ -197,12 +208,11 @@ def rows_in(path: Path) -> dict[str, Row]:
     out. Raise InputError if the file cannot be read.
     """
     rows: dict[str, Row] = {}
-    if path.exists():
-        with reading(path, "another folder") as file:
-            for line in file:
-                with suppress(ValueError, TypeError, KeyError, AttributeError):
-                    row = json.loads(line)
-                    rows[row.get("folder", row["key"])] = row
+    with reading(path, "another folder") as file:
+        for line in file:
+            with suppress(ValueError, TypeError, KeyError, AttributeError):
+                row = json.loads(line)
+                rows[row.get("folder", row["key"])] = row
     return rows
 
 
@@ -238,16 +248,3 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows({name: as_cell(value) for name, value in row.items()} for row in flattened)
     return stream.getvalue()
-
-
-def output_folder(directory: str | os.PathLike[str], outputs: Iterable[str]) -> Path:
-    """Create a folder if it does not exist, and return its path.
-
-    Raise OutputError if the folder or one of the outputs in it cannot be written.
-    """
-    folder = Path(file_name("directory", directory, "the name of a folder, such as . for this one"))
-    make_folder(folder)
-    for name in outputs:
-        # If the output cannot be written, this raises an error now and not after hours of work.
-        check_writable(folder / name)
-    return folder

@@ -21,28 +21,23 @@ from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
-from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
+from gauss2svg.compare.grid import FOLDER, Grid, Progress, Task, csv_text
 from gauss2svg.compare.records import COUNTS, Row
-from gauss2svg.compare.variants import (
-    Variant,
-    entries_of,
-    main_variant,
-    variants_of,
-)
-from gauss2svg.errors import OutputError, instance, on_one_line, refusal
-from gauss2svg.files import as_json, write_all_atomically
+from gauss2svg.compare.variants import Variant, entries_of, variants_of
+from gauss2svg.errors import OutputError, instance, on_one_line
+from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
+from gauss2svg.options import file_name
 from gauss2svg.pipeline.budgets import memory_limit
-from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
 GalleryProgress = Progress
-# A row of gallery.json has these numbers of a report. The reports of other tools lack some of them.
+# A row of gallery.json has these entries of a report. The reports of other tools lack some of them.
 NUMBERS = (
-    *COUNTS, "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
-    *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
+    "width", "height", *COUNTS, "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
+    *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip", "renderer", "seed",
 )  # fmt: skip
 
 
@@ -72,17 +67,8 @@ class Gallery:
         return self.directory / "index.html"
 
     def _repr_html_(self) -> str:
-        """Return HTML with a link to the first page, and a table of the variants."""
-        keys = {"PSNR": ("median_psnr_svg", PSNR.text), "size": ("median_svg_bytes", chart.size)}
-        keys["time"] = ("median_total_s", chart.seconds)
-        heads = "".join(f"<th>{name}</th>" for name in ("", *keys))
-        rows = [
-            f"<tr><td>{escape(row['variant'])}</td>"
-            + "".join(f"<td>{text(row[key])}</td>" for key, text in keys.values())
-            for row in self.summary
-        ]
-        link = f'<a href="{escape(quote(self.index.as_posix()))}">{escape(repr(self)[1:-1])}</a>'
-        return f"{link}<table><tr>{heads}</tr>{''.join(rows)}</table>"
+        """Return HTML with a link to the first page."""
+        return f'<a href="{escape(quote(self.index.as_posix()))}">{escape(repr(self)[1:-1])}</a>'
 
     def __repr__(self) -> str:
         counts = f"{len(self.rows)} SVGs, {len(self.failures)} failed"
@@ -124,16 +110,6 @@ def build_gallery(
     Raise InputError for bad arguments. Raise OutputError if the folder cannot be written, or if it
     has other files with the names of the pages.
     """
-    if progress is True:
-        with counting() as update:
-            return build_gallery(
-                photos, directory, variants=variants, counts=counts, peers=peers, axes=axes,
-                options=options, command=command,
-                progress=lambda state: update("; ".join(state.now), state.done, state.total),
-            )  # fmt: skip
-    report = None if progress is False else progress
-    if report is not None and not callable(report):
-        raise refusal("progress", "a function", type(report).__name__)
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers, axes)
     entries = {variant: entries_of(variant.files, listed) for variant in chosen}
@@ -163,20 +139,7 @@ def build_gallery(
         return Task(photo, variant, parameters, (size,), columns, entry, file)
 
     plan = {task_of(photo): [task_of(photo, variant) for variant in chosen] for photo in listed}
-    grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], report)
-
-    def write() -> Gallery:
-        call = f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
-        date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-        about = {
-            "gauss2svg": __version__, "title": options.title,
-            "command": on_one_line(command or call), "date": date,
-            "seed": seed, "photo_size": size, "peers_absent": absent,
-        }  # fmt: skip
-        document = write_pages(root, about, plan, grid)
-        data = {name: document[name] for name in ("rows", "summary", "failures")}
-        return Gallery(root, **data, kept=grid.kept, absent=absent)
-
+    grid = Grid(root / "gallery.jsonl", [*plan, *chain(*plan.values())], progress)
     try:
         with Pool(jobs) as pool:
             # The photos are prepared first, so that bad photos are reported early.
@@ -186,30 +149,39 @@ def build_gallery(
             for _ in grid.run(svgs, pool, run.make_svg):
                 pass
     finally:
-        gallery = write()
-    return gallery
+        call = f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
+        about = {
+            "gauss2svg": __version__, "title": options.title,
+            "command": on_one_line(command or call),
+            "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            "seed": seed, "photo_size": size, "peers_absent": absent,
+        }  # fmt: skip
+        document = write_pages(root, about, chosen, plan, grid)
+    data = {name: document[name] for name in ("rows", "summary", "failures")}
+    return Gallery(root, **data, kept=grid.kept, absent=absent)
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:
-    """Create the folder of a gallery and its subfolders if they do not exist, and return its path.
+    """Return the folder of a gallery as a path.
 
     Raise OutputError if a name that the gallery would write to is already taken by a file or folder
     that is not part of a gallery.
     """
-    root = output_folder(directory, ())
-    outputs = ("gallery.json", "gallery.csv", "index.html", "trade-off.html", "how.html")
-    if not (root / "gallery.jsonl").exists():
-        for name in (*outputs, "photos", "assets"):
-            if os.path.lexists(root / name):
-                line = "exists and is not part of a gallery, so it is kept. Try another folder"
-                raise OutputError(f"{root / name} {line}")
-        (root / "gallery.jsonl").touch()
-    output_folder(root / "assets", ())
-    return output_folder(root, ("gallery.jsonl", *outputs))
+    root = Path(file_name("directory", directory, FOLDER))
+    names = ("gallery.json", "gallery.csv", "index.html", "trade-off.html", "how.html")
+    for name in (*names, "photos", "assets"):
+        if os.path.lexists(root / name) and not (root / "gallery.jsonl").exists():
+            line = "exists and is not part of a gallery, so it is kept. Try another folder"
+            raise OutputError(f"{root / name} {line}")
+    return root
 
 
 def write_pages(
-    root: Path, about: Mapping[str, Any], plan: Mapping[Task, Sequence[Task]], grid: Grid
+    root: Path,
+    about: Mapping[str, Any],
+    variants: Sequence[Variant],
+    plan: Mapping[Task, Sequence[Task]],
+    grid: Grid,
 ) -> dict[str, Any]:
     """Write the pages, the data and the static files. Return the data of gallery.json.
 
@@ -219,10 +191,10 @@ def write_pages(
     plan   {task of a photo: tasks of its SVGs}
     Raise OutputError if a file cannot be written.
     """
-    variants = list(dict.fromkeys(t.variant for svgs in plan.values() for t in svgs if t.variant))
     results: list[Row] = []
     for photo in filter(grid.has_succeeded, plan):
-        record, tasks = grid.records[photo], filter(grid.has_succeeded, plan[photo])
+        tasks = filter(grid.has_succeeded, plan[photo])
+        record = grid.records[photo]
         svgs = [_svg(record, grid.records[task], task.variant) for task in tasks if task.variant]
         results.append({**record, "photo": photo.photo, "svgs": svgs})
     svgs = [svg for result in results for svg in result["svgs"]]
@@ -237,44 +209,47 @@ def write_pages(
         "summary": summary_of(rows, variants),
         "rows": rows,
         "failures": [
-            {"photo": t.photo.name, "variant": t.variant and t.variant.name, "error": error}
+            {"photo": t.photo.name, "variant": t.variant and t.variant.label, "error": error}
             for t, error in failed.items()
         ],
     }
-    # A gallery of photos alone has no columns for areas, lines and nodes.
-    in_any = {key for row in rows for key in COUNTS if row[key]} | {"gaussians"}
-    parts = {key: name for key, name in COUNTS.items() if key in in_any}
-    scores = [s for s in SCORES if s.always or any(row[s.key] is not None for row in rows)]
+    own = [variant for variant in variants if variant.is_own] or variants
     versions = {version for report in reports for version in report.get("versions", {}).items()}
     versions |= {(row["tool"], row["tool_version"]) for row in rows if row["tool_version"]}
-    unmeasured = dict.fromkeys(
-        line for report in reports for line in report.get("scores_missing", ())
-    )
-    machines = dict.fromkeys(chart.machine_text(row["machine"]) for row in rows)
     environment = chart.template_environment()
     environment.globals |= {
         **document,
-        "variants": variants, "main": main_variant(variants), "results": results,
-        "reports": reports, "scores": scores, "parts": parts, "explained": ON_REQUEST,
-        "costs": chart.COSTS, "unmeasured": unmeasured,
-        "chart_of": partial(chart_of, results, variants), "versions": sorted(versions),
-        "machines": machines, "heatmap": heatmap, "files": run,
+        "variants": variants, "results": results, "reports": reports,
+        # Presets are listed from the fastest on. Pages show the one in the middle first.
+        "main": own[len(own) // 2],
+        "scores": [s for s in SCORES if s.always or any(row[s.key] is not None for row in rows)],
+        # A gallery of photos alone has no columns for areas, lines and nodes.
+        "parts": {
+            key: name for key, name in COUNTS.items()
+            if key == "gaussians" or any(row[key] for row in rows)
+        },
+        "explained": ON_REQUEST, "costs": chart.COSTS, "heatmap": heatmap, "files": run,
+        "unmeasured": dict.fromkeys(chain(*(r.get("scores_missing", ()) for r in reports))),
+        "chart_of": partial(chart_of, results, variants),
+        "versions": sorted(versions),
+        "machines": dict.fromkeys(chart.machine_text(row["machine"]) for row in rows),
     }  # fmt: skip
 
     def page(template: str, folder: str = "", **more: Any) -> bytes:
         html = environment.get_template(f"{template}.html.jinja")
         return html.render(page=template, root=folder, **more).encode()
 
-    static = files("gauss2svg.compare") / "static"
     contents = {
         root / "gallery.json": as_json(document),
         root / "gallery.csv": csv_text(rows).encode(),
         **{root / f"{name}.html": page(name) for name in ("index", "trade-off", "how")},
-        **{root / "assets" / file.name: file.read_bytes() for file in static.iterdir()},
     }
+    for file in (files("gauss2svg.compare") / "static").iterdir():
+        contents[root / "assets" / file.name] = file.read_bytes()
     for before, result, after in zip([None, *results], results, [*results[1:], None], strict=False):
         path = root / result["folder"] / "index.html"
         contents[path] = page("photo", "../../", result=result, previous=before, next=after)
+    make_folder(root / "assets")
     write_all_atomically(contents)
     return document
 
@@ -289,35 +264,32 @@ def _svg(photo: Row, record: Row, variant: Variant) -> Row:
     names = {"SVG": "picture.svg", "report": "report.json"}
     names |= {"scene": "scene.npz", "outlines": "outlines.svg"} if variant.is_own else {}
     numbers = {name: report.get(name) for name in NUMBERS}
+    columns = ("tool", "tool_version", "cpu_s", "machine", "jobs", "threads")
     row = {
         "photo": photo["image"],
         "page": f"{photo['folder']}/index.html",
-        "variant": variant.name,
-        "tool": variant.tool,
-        "tool_version": variant.version,
-        "width": photo["width"],
-        "height": photo["height"],
+        "variant": variant.label,
         **numbers,
-        "cpu_s": record["cpu_s"],
-        "renderer": report["renderer"],
-        "seed": report.get("seed"),
+        **{name: record[name] for name in columns},
         "date": record["date"][:10],
-        **{name: record[name] for name in ("machine", "jobs", "threads")},
         "files": {kind: f"{folder}/{name}" for kind, name in names.items()},
     }
-    count, elements = report.get("gaussians"), chart.whole(report.get("elements"))
+    elements = f"{chart.whole(numbers['elements'])} elements"
     texts = {
         **{key: chart.whole(numbers[key]) for key in COUNTS},
-        "shapes": f"{elements} elements" if count is None else chart.whole(count),
-        "svg_bytes": chart.size(report["svg_bytes"]),
+        "shapes": elements if numbers["gaussians"] is None else chart.whole(numbers["gaussians"]),
+        "svg_bytes": chart.size(numbers["svg_bytes"]),
         "total_s": chart.seconds(numbers["total_s"]),
         **{axis.key: axis.text(numbers[axis.key]) for axis in SCORES},
     }
-    about = {"slug": variant.slug, "name": variant.name, "folder": folder, "isOwn": variant.is_own}
-    rounds = [(number, chart.whole(count)) for number, count in record["rounds"]]
-    crops = {k: crop | {"psnr": PSNR.text(crop["psnr"])} for k, crop in record["crops"].items()}
-    script = about | numbers | {"texts": texts, "rounds": rounds} | crops
-    title = f"{photo['image']}, {variant.name}"
+    script = {
+        **numbers,
+        **{k: crop | {"psnr": PSNR.text(crop["psnr"])} for k, crop in record["crops"].items()},
+        "slug": variant.slug, "name": variant.label, "folder": folder, "isOwn": variant.is_own,
+        "texts": texts,
+        "rounds": [(number, chart.whole(count)) for number, count in record["rounds"]],
+    }  # fmt: skip
+    title = f"{photo['image']}, {variant.label}"
     return {**record, "title": title, "variant": variant, "row": row, "script": script}
 
 
@@ -329,11 +301,11 @@ def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
     summary = []
     keys = (*COUNTS, "svg_bytes", "svgz_bytes", "total_s", *(score.key for score in SCORES))
     for variant in variants:
-        own = [row for row in rows if row["variant"] == variant.name]
+        own = [row for row in rows if row["variant"] == variant.label]
         values = {name: [row[name] for row in own if row[name] is not None] for name in keys}
         medians = {f"median_{n}": statistics.median(v) if v else None for n, v in values.items()}
         totals = {f"total_{name}": sum(values[name]) for name in ("svg_bytes", "total_s")}
-        summary += [{"variant": variant.name, "photos": len(own), **medians, **totals}] * bool(own)
+        summary += [{"variant": variant.label, "photos": len(own), **medians, **totals}] * bool(own)
     return summary
 
 

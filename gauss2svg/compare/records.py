@@ -34,6 +34,11 @@ FILE_KEYS = (
     *COSTS, "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
     "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
 )  # fmt: skip
+# Further keys, whose values are None in the records of other tools.
+OWN_KEYS = (
+    "fit_width", "fit_height", "iterations", "rounds", "stop_reason", "threads",
+    "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs",
+)  # fmt: skip
 
 
 def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:
@@ -109,13 +114,6 @@ def _from_proc(file: str, name: str) -> str:
     return values[0] if values else ""
 
 
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
-
-
 class Peer(NamedTuple):
     """A tool other than gauss2svg.
 
@@ -124,13 +122,21 @@ class Peer(NamedTuple):
     suffix    suffix of the file
     settings  each item has keyword arguments of `prepare`. By default the benchmark runs the tool
               with every item, and a gallery runs it with the first.
-    version   function that returns the installed version, or None if the tool is not installed
+    package   package of the tool, as PyPI names it
     """
 
     prepare: Callable[..., Callable[[], object]]
     suffix: str
     settings: tuple[dict[str, Any], ...]
-    version: Callable[[], str | None] = partial(_version, "Pillow")
+    package: str = "Pillow"
+
+    @property
+    def version(self) -> str | None:
+        """The installed version, or None if the tool is not installed."""
+        try:
+            return version(self.package)
+        except PackageNotFoundError:
+            return None
 
 
 def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Callable[[], object]:
@@ -159,23 +165,13 @@ def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Callable
     return lambda: pixels.save(output, format_name, quality=quality)
 
 
-def _avif_version() -> str | None:
-    """Return the version of the AVIF codec, or None if Pillow was built without it."""
-    from PIL import features
-
-    return features.version("avif")
-
-
 _QUALITIES = tuple({"quality": quality} for quality in (10, 30, 60, 90))
 PEERS: dict[str, Peer] = {
-    "vtracer": Peer(
-        _vtracer, ".svg", tuple({"style": style} for style in _VTRACER),
-        partial(_version, "vtracer"),
-    ),
+    "vtracer": Peer(_vtracer, ".svg", tuple({"style": style} for style in _VTRACER), "vtracer"),
     "jpeg": Peer(partial(_pillow, "JPEG"), ".jpg", _QUALITIES),
     "webp": Peer(partial(_pillow, "WEBP"), ".webp", _QUALITIES),
-    "avif": Peer(partial(_pillow, "AVIF"), ".avif", _QUALITIES, _avif_version),
-}  # fmt: skip
+    "avif": Peer(partial(_pillow, "AVIF"), ".avif", _QUALITIES),
+}
 
 
 def convert_by(tool: str, settings: dict[str, Any], png: Path, output: Path) -> dict[str, Any]:

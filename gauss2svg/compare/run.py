@@ -2,15 +2,14 @@
 
 The benchmark takes the scores and the cost from such a run, and a gallery takes the files.
 
-Each run of the benchmark, and each run of another tool, has its own process, so that its time and
-memory can be measured.
+Each run of another tool has its own process, so that its time and memory can be measured.
 """
 
 from __future__ import annotations
 
 import base64
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,16 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.compare.records import (
-    COSTS,
-    COUNTS,
-    FILE_KEYS,
-    PEERS,
-    TOOL,
-    convert_by,
-    record_or_error,
-    start_watch,
-)
+from gauss2svg.compare import records
 from gauss2svg.compare.variants import AXES
 from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
@@ -83,50 +73,26 @@ def run(request: Request) -> Run:
              method has made the file, it has the keys file (path) and numbers, as of `entries_of`.
     Raise Gauss2SvgError if no file is made, or if the file cannot be measured.
     """
-    return _by_gauss2svg(request) if request["tool"] == TOOL else _by_peer(request)
-
-
-def measure_alone(request: Request) -> dict[str, Any]:
-    """Make a run in a new process, and return its record for the benchmark, or {"error": line}.
-
-    If gauss2svg makes the file, the new process also measures it. If another tool makes the file,
-    the new process only runs the tool, and this process measures the file.
-    """
-    is_own = request["tool"] == TOOL
-    return in_own_process(measure_run, request) if is_own else measure_run(request)
+    return _by_gauss2svg(request) if request["tool"] == records.TOOL else _by_peer(request)
 
 
 def measure_run(request: Request) -> dict[str, Any]:
-    """Return the benchmark's record of a run that is made in this process."""
-    is_own = request["tool"] == TOOL
-    names = [*FILE_KEYS, *COUNTS]
-    if is_own:
-        names += [
-            "fit_width", "fit_height", "iterations", "rounds", "stop_reason", "threads",
-            "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
-        ]  # fmt: skip
+    """Return the benchmark's record of a run. Call this in a process of its own."""
     if request.get("file") == "":
         report, used = request["numbers"], {}
     else:
         finished = run(request)
         report = finished.report | finished.cost
+        is_own = request["tool"] == records.TOOL
         used = {name: report[name] for name in AXES if is_own and name in report}
-    return {"used": request["settings"] | used, **{name: report.get(name) for name in names}}
-
-
-def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: float = 0.0) -> Any:
-    """Call a function in a new process, and return its record, or {"error": line}.
-
-    Raise WorkerDiedError if the process dies, and TimeoutError after timeout_s seconds. If
-    timeout_s is 0, there is no limit.
-    """
-    with Pool(1) as pool:
-        return pool.submit(record_or_error, function, *arguments, timeout=timeout_s).result()
+    names = (*records.FILE_KEYS, *records.COUNTS, *records.OWN_KEYS)
+    numbers = {name: report.get(name) for name in names} | {"versions": report.get("versions", {})}
+    return {"used": request["settings"] | used, **numbers}
 
 
 def _by_gauss2svg(request: Request) -> Run:
     options = Options.from_flat({**request["settings"], **request["options"], "full_size": True})
-    read = start_watch()
+    read = records.start_watch()
     result = vectorize_by(options, request["source"])
     # The cost is read here, because it must not include the computation of scores.
     cost = read()
@@ -148,13 +114,18 @@ def _by_peer(request: Request) -> Run:
     most = request["options"]["max_pixels"]
     photo = load_image(request["source"], matte=WHITE_MATTE, max_pixels=most).pixels
     if "file" in request:
-        data, suffix = _data_of(request["file"], tool)
-        cost = request["numbers"]
+        if request["file"] is None:
+            needed = "must have a file or a row for each photo"
+            raise PeerError(f"{tool} {needed}; got none for this one")
+        path, cost = Path(request["file"]), request["numbers"]
+        suffix = path.suffix.lower()
+        is_svg = suffix in SVG_ENDINGS
+        data = read_source(path, MOST_BYTES)[0] if is_svg else path.read_bytes()
     else:
         data, cost = _converted(photo, tool, settings, request["peer_timeout"])
-        suffix = PEERS[tool].suffix
+        suffix = records.PEERS[tool].suffix
     columns = {"tool": tool, "settings": settings, **cost}
-    cost = {name: cost.get(name) for name in COSTS}
+    cost = {name: cost.get(name) for name in records.COSTS}
     if suffix not in SVG_ENDINGS:
         report, raster = _measured_image(data, photo)
         return Run(_as_svg(data, photo), columns | report, raster, photo, cost)
@@ -166,25 +137,18 @@ def _by_peer(request: Request) -> Run:
     return Run(data, columns | result.report, result.raster, photo, cost)
 
 
-def _data_of(file: str | None, label: str) -> tuple[bytes, str]:
-    """Return the bytes of a method's file, gunzipped, and its suffix."""
-    if file is None:
-        raise PeerError(f"{label} must have a file or a row for each photo; got none for this one")
-    path = Path(file)
-    suffix = path.suffix.lower()
-    is_svg = suffix in SVG_ENDINGS
-    return read_source(path, MOST_BYTES)[0] if is_svg else path.read_bytes(), suffix
-
-
 def _converted(
     photo: NDArray[np.float32], tool: str, settings: dict[str, Any], limit_s: float
 ) -> tuple[bytes, dict[str, Any]]:
     """Run another tool on a photo. Return the bytes of its file, and its cost."""
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
-        png, output = Path(folder) / "photo.png", Path(folder) / f"output{PEERS[tool].suffix}"
+        png = Path(folder) / "photo.png"
+        output = png.with_name(f"output{records.PEERS[tool].suffix}")
         png.write_bytes(as_png(photo))
+        call = records.record_or_error, records.convert_by, tool, settings, png, output
         try:
-            cost = in_own_process(convert_by, tool, settings, png, output, timeout_s=limit_s)
+            with Pool(1) as pool:
+                cost = pool.submit(*call, timeout=limit_s).result()
         except TimeoutError:
             cost = {"error": f"timed out after {limit_s:g} s. Try a longer --peer-timeout"}
         if "error" in cost:
@@ -227,7 +191,8 @@ def make_photo(request: Request) -> dict[str, Any]:
     most, needed = request["options"]["max_pixels"], request["photo_size"]
     photo = load_image(request["source"], max_pixels=most, needed=needed)
     pixels = pixels_of(photo)
-    webp = _encoded(_eight_bits(pixels), "WEBP", lossless=True, exact=True)
+    shown = Image.fromarray(np.round(pixels * 255).astype(np.uint8))
+    webp = saved(lambda stream: shown.save(stream, "WEBP", lossless=True, exact=True))
     _write(request["folder"], {"photo.webp": webp, "thumbnail.png": _thumbnail(pixels)})
     return {"width": photo.width, "height": photo.height, "notes": list(photo.notes)}
 
@@ -247,11 +212,12 @@ def make_svg(request: Request) -> dict[str, Any]:
         request = {**request, "source": request["page_photo"]}
     finished = run(request)
     raster, photo = over(finished.raster), over(finished.photo)
+    errors = error_map(raster, photo)
     files = {
         "picture.svg": finished.data,
         "report.json": as_json(finished.report),
         "thumbnail.png": _thumbnail(finished.raster),
-        "errors.png": _encoded(error_map(raster, photo), "PNG", optimize=True),
+        "errors.png": saved(lambda stream: errors.save(stream, "PNG", optimize=True)),
     }
     if finished.result is not None:
         files["scene.npz"] = saved(finished.result.scene.save)
@@ -335,15 +301,7 @@ def thumbnail_size(width: int, height: int) -> tuple[int, int]:
 
 def _thumbnail(pixels: NDArray[np.float32]) -> bytes:
     width, height = thumbnail_size(pixels.shape[1], pixels.shape[0])
-    return _encoded(_eight_bits(shrunk(pixels, height, width)), "PNG", optimize=True)
-
-
-def _eight_bits(pixels: NDArray[np.float32]) -> Image.Image:
-    return Image.fromarray(np.round(pixels * 255).astype(np.uint8))
-
-
-def _encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
-    return saved(lambda stream: picture.save(stream, form, **options))
+    return as_png(shrunk(pixels, height, width))
 
 
 def _write(folder: str, files: Mapping[str, bytes]) -> None:

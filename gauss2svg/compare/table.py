@@ -11,7 +11,6 @@ import hashlib
 import itertools
 import operator
 import os
-import platform
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -20,20 +19,17 @@ from typing import Any
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import BenchOptions
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
-from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
+from gauss2svg.compare.grid import FOLDER, Grid, Progress, Task, csv_text
 from gauss2svg.compare.records import COUNTS, TOOL, Row
-from gauss2svg.compare.run import measure_alone
-from gauss2svg.compare.variants import (
-    Variant,
-    entries_of,
-    peer_variants,
-    settings_of,
-)
+from gauss2svg.compare.run import measure_run
+from gauss2svg.compare.variants import GRIDS, Variant, entries_of, peer_variants, settings_of
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import PSNR, SCORES, Score
+from gauss2svg.options import file_name
 from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.plan import PRESETS
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
@@ -86,7 +82,7 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     for _, group in itertools.groupby(finished, operator.itemgetter("label")):
         runs = list(group)
         values: dict[str, list[Any]] = {name: [row.get(name) for row in runs] for name in keys}
-        names = ("label", "tool", "tool_version", "preset", "settings")
+        names = ("label", "tool", "tool_version", "settings")
         mean = {
             **{name: runs[0][name] for name in names},
             "images": len(runs),
@@ -125,8 +121,8 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
     preset is a series, and so is each tool other than gauss2svg. Any other setting of gauss2svg is
     a series too. But if there are more than eight of these, they form one series together.
     """
-    others = [row["label"] for row in summary if row["tool"] == TOOL and not row["preset"]]
     names = {row["label"]: row["label" if row["tool"] == TOOL else "tool"] for row in summary}
+    others = [label for label, name in names.items() if label == name and name not in PRESETS]
     names |= dict.fromkeys(others, "other settings") if len(others) > 8 else {}
     series = list(dict.fromkeys(names.values()))
     template = template_environment().get_template("plot.svg.jinja")
@@ -166,7 +162,7 @@ def run_bench(
     axes: Mapping[str, Sequence[Any]] | None = None,
     peers: Iterable[str] = (),
     options: BenchOptions = BenchOptions(),
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[Progress], None] | bool | None = None,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process. Return the rows.
 
@@ -174,12 +170,13 @@ def run_bench(
     directory     folder of the tables and plots. It is created if it does not exist.
     axes          the values of each option of `vectorize` that is varied. Every combination is run,
                   with the other options at their defaults. If it is None, the settings are
-                  gauss2svg.compare.variants.DEFAULT_GRID. If it is empty, only peers are measured.
+                  gauss2svg.compare.variants.GRIDS. If it is empty, only peers are measured.
     peers         other tools, by their names in compare.records.PEERS. Tools that are not
                   installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
                   the numbers of another method.
     options       limits of the runs, references, the seed and the number of threads
-    progress      called with a Progress when a run begins or ends
+    progress      function that is called with a Progress when a run begins or ends. True shows a
+                  bar on a terminal or in a notebook
 
     rows.jsonl, bench.json, bench.csv, summary.md and the plots are written after every run. The
     same call continues an interrupted benchmark. A row without an error is kept if its photo, its
@@ -190,14 +187,13 @@ def run_bench(
     seed, scale = options.seed, options.reference_scale
     thread_count(options.threads)
     others, absent = peer_variants(peers)
-    variants = [*map(Variant, settings_of(axes) if axes != {} else ()), *others]
+    own = settings_of(*(GRIDS if axes is None else [axes]))
+    variants = [*map(Variant, own), *others]
     photos = listed_photos(images, "images")
     for photo in photos:
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
     entries = {variant: entries_of(variant.files, photos) for variant in variants}
     sources = {} if options.references is None else _references(photos, options.references)
-    versions = {"gauss2svg": __version__, "python": platform.python_version()}
-
     of_runs = {"seed": seed, "threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
@@ -207,16 +203,15 @@ def run_bench(
         if source := sources.get(photo):
             parameters["reference"] = source, scale
             dependencies += [hashlib.sha256(source.read_bytes()).hexdigest(), scale]
-        columns = {"seed": seed, "versions": versions | {variant.tool: variant.version}}
         entry = entries[variant].get(photo, {})
-        return Task(photo, variant, parameters, tuple(dependencies), columns, entry)
+        return Task(photo, variant, parameters, tuple(dependencies), {"seed": seed}, entry)
 
     plan = [task_of(photo, variant) for variant in variants for photo in photos]
-    outputs = ("rows.jsonl", "bench.json", "bench.csv", "summary.md", *NAMES)
-    folder = output_folder(directory, outputs)
+    folder = Path(file_name("directory", directory, FOLDER))
     grid = Grid(folder / "rows.jsonl", plan, progress)
-    with Pool(1) as pool:
-        for _ in grid.run(plan, pool, measure_alone):
+    # Each run has its own process, so that its memory can be measured.
+    with Pool(1, reuses=False) as pool:
+        for _ in grid.run(plan, pool, measure_run):
             _write_tables(folder, grid, absent)
     # If an earlier benchmark has left the records of all runs, the loop makes no run and writes no
     # tables. So the tables are also written here.

@@ -19,13 +19,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gauss2svg.batch.inputs import ListedPhoto, local_photos
-from gauss2svg.batch.many import text_of_cell
-from gauss2svg.batch.stores import TABLE
+from gauss2svg.batch.inputs import ListedPhoto
+from gauss2svg.batch.many import TABLE, text_of_cell
 from gauss2svg.compare.records import COUNTS, FILE_KEYS, PEERS, TOOL
 from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
 from gauss2svg.files import reading, text_of
-from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.options import Field, fields_of
 from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
@@ -42,25 +40,6 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         text = text_of(file.read(), str(path))
     rows = csv.DictReader(io.StringIO(text))
     return [{k: text_of_cell(v or "") for k, v in row.items() if k is not None} for row in rows]
-
-
-def photos_and_peers(
-    sources: Sequence[str], batch: Path | None, command: str
-) -> tuple[list[str], list[str]]:
-    """Return the photos of a comparison, and the peers that a batch adds.
-
-    sources  photos, folders, patterns and lists. If there are none, the photos are those of `batch`
-    batch    output folder of gauss2svg batch, or None
-    command  name of the command, for the error if there are no photos
-    """
-    if batch is None:
-        if not sources:
-            raise refusal("PHOTOS", "given", "none", f"gauss2svg {command} --help")
-        return local_photos(sources), []
-    if not (batch / TABLE).is_file():
-        raise refusal("--from", "the output folder of gauss2svg batch", f"no {batch / TABLE}")
-    photos = [row["input"] for row in rows_of(batch / TABLE) if not row["error"]]
-    return local_photos(sources) if sources else photos, [f"batch={batch}"]
 
 
 # Names of a report whose values are numbers, which a CSV may have as columns.
@@ -84,12 +63,14 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
     folder, is_table = Path(files), Path(files).is_file()
     tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
     rows = [row for path in tables if path.is_file() for row in rows_of(path)]
-    columns = list(rows[0]) if rows else []
-    if is_table and set(_NUMBERS).isdisjoint(columns):
-        got, needed = brief(", ".join(columns)) or "no row", "columns of a report between commas"
-        raise refusal(files, f"a CSV with {needed}", got, "psnr_svg,svgz_bytes")
-    named = {row.get("photo") or row.get("input") or "": row for row in rows}
-    by_stem = {Path(name).stem: row for name, row in named.items()}
+    if is_table and not (rows and rows[0].keys() & {*_NUMBERS}):
+        got = brief(", ".join(rows[0])) if rows else "no row"
+        needed = "a CSV with columns of a report between commas"
+        raise refusal(files, needed, got, "psnr_svg,svgz_bytes")
+    by_name: dict[str, dict[str, str]] = {}
+    for row in rows:
+        name = row.get("photo") or row.get("input") or ""
+        by_name |= {Path(name).stem: row, name: row}
     pictures = {} if is_table else {
         path.stem: path for path in sorted(folder.iterdir())
         if path.name.lower().endswith((*SUFFIXES, ".svg", ".svgz"))
@@ -97,28 +78,23 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
     entries = {}
     for photo in photos:
         stem = Path(photo.path).stem
-        row = named.get(photo.path) or by_stem.get(stem) or named.get("") or {}
+        row = by_name.get(photo.path) or by_name.get(stem) or by_name.get("") or {}
         path = folder / row["output"] if row.get("output") else pictures.get(stem)
         data = path.read_bytes() if path and path.is_file() else None
         entries[photo] = {
             "file": "" if is_table and row else data and str(path),
             "digest": data and hashlib.sha256(data).hexdigest(),
-            "numbers": _numbers_of(row, files),
+            "numbers": {k: _number(k, files, v) for k, v in row.items() if k in _NUMBERS and v},
         }
     return entries
 
 
-def _numbers_of(row: Mapping[str, str], files: str) -> dict[str, float]:
-    """Return the numbers of a report in a row. Raise InputError for a cell that has none."""
-    numbers = {}
-    for name, cell in row.items():
-        if name in _NUMBERS and cell.strip():
-            try:
-                numbers[name] = int(cell) if cell.isdecimal() else float(cell)
-            except ValueError as error:
-                needed = "a number with a point, or empty"
-                raise refusal(f"{name} in {files}", needed, quoted(cell)) from error
-    return numbers
+def _number(column: str, file: str, cell: str) -> float:
+    try:
+        return int(cell) if cell.isdecimal() else float(cell)
+    except ValueError as error:
+        needed = "a number with a point, or empty"
+        raise refusal(f"{column} in {file}", needed, quoted(cell)) from error
 
 
 Settings = tuple[tuple[str, Any], ...]  # (name, value) of each setting, sorted by name
@@ -129,13 +105,13 @@ class Variant(NamedTuple):
 
     settings  (name, value) of options of gauss2svg or of another tool, sorted by name
     tool      "gauss2svg", the name of a peer, or the label of files
-    version   version of the tool
+    version   version of the tool, or None if it is not installed
     files     folder or CSV with what another method has made of the photos. "" if a tool is run
     """
 
     settings: Settings
     tool: str = TOOL
-    version: str = __version__
+    version: str | None = __version__
     files: str = ""
 
     @property
@@ -144,36 +120,23 @@ class Variant(NamedTuple):
         return self.tool == TOOL
 
     @property
-    def preset(self) -> str | None:
-        """Name of the preset, if the preset is the variant's only setting. Otherwise None."""
-        only = dict(self.settings) if self.is_own and len(self.settings) == 1 else {}
-        return only.get("quality")
-
-    @property
     def label(self) -> str:
-        """Short text of the settings, for tables: "draft", "gaussians 500", "jpeg 30"."""
+        """Short text of the settings: "draft", "gaussians 500", "jpeg 30"."""
         if not self.is_own:
             return " ".join([self.tool, *(str(value) for _, value in self.settings)])
-        return self.preset or ", ".join(f"{name} {value}" for name, value in self.settings)
-
-    @property
-    def name(self) -> str:
-        """Text that pages show for the variant: "draft", "500 Gaussians", "vtracer"."""
-        count = dict(self.settings).get("gaussians") if len(self.settings) == 1 else None
-        name = f"{count} Gaussian{'s' * (count != 1)}"
-        return self.label.removesuffix(" default") if count is None else name
+        is_preset = [name for name, _ in self.settings] == ["quality"]
+        return ", ".join(v if is_preset else f"{name} {v}" for name, v in self.settings)
 
     @property
     def slug(self) -> str:
-        """Name of the variant's folder: "draft", "gaussians-500", "vtracer"."""
-        text = f"files-{self.tool}" if self.files else self.label if self.is_own else self.name
-        return re.sub(r"[^\w.-]+", "-", text)
+        """Name of the variant's folder: "draft", "gaussians-500", "vtracer-default"."""
+        return re.sub(r"[^\w.-]+", "-", f"files-{self.tool}" if self.files else self.label)
 
     @property
     def columns(self) -> dict[str, Any]:
         """Columns of a record that describe the variant."""
-        names = {"label": self.label, "preset": self.preset, "tool": self.tool}
-        return names | {"tool_version": self.version, "settings": dict(self.settings)}
+        version = {"tool": self.tool, "tool_version": self.version}
+        return {"label": self.label, **version, "settings": dict(self.settings)}
 
 
 def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[Variant], list[str]]:
@@ -187,31 +150,26 @@ def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[V
     """
     by_text: dict[str, list[Variant]] = {}
     for tool, peer in PEERS.items():
-        for settings in peer.settings:
-            variant = Variant(tuple(sorted(settings.items())), tool)
-            by_text.setdefault(tool, []).append(variant)
-            by_text[variant.label.replace(" ", ":")] = [variant]
-    words = (*by_text, "LABEL=FOLDER")
+        variants = [Variant(tuple(sorted(s.items())), tool, peer.version) for s in peer.settings]
+        by_text |= {variant.label.replace(" ", ":"): [variant] for variant in variants}
+        by_text[tool] = variants[:most]
     chosen: dict[Variant, None] = {}  # used as an ordered set
-    for text in _sequence("peers", texts):
+    for text in texts:
         label, equals_sign, files = str(text).partition("=")
-        if not equals_sign:
-            name = Field("peer", words=words).checked(text)
-            chosen |= dict.fromkeys(by_text.get(name, [])[:most])
-            continue
-        is_taken = label in {TOOL, *PEERS, *PRESETS, *(one.tool for one in chosen)}
-        if is_taken or not re.fullmatch(r"\w[\w.-]*", label):
-            needed = "a word that no preset and no other peer has"
-            raise refusal("label of a peer", needed, quoted(label), "mine=FOLDER")
-        if not Path(files).exists():
-            needed = "a folder of SVGs or pictures, or a CSV"
-            raise refusal(f"peer {label}", needed, f"no {files}", f"{label}=FOLDER")
-        chosen[Variant((), label, "", files)] = None
-    versions = {v.tool: v.version if v.files else PEERS[v.tool].version() for v in chosen}
-    installed = [
-        v._replace(version=found) for v in chosen if (found := versions[v.tool]) is not None
-    ]
-    return installed, [tool for tool, version in versions.items() if version is None]
+        if equals_sign:
+            is_taken = label in {TOOL, *PEERS, *PRESETS, *(one.tool for one in chosen)}
+            is_word = re.fullmatch(r"\w[\w.-]*", label)
+            if is_taken or not is_word or not Path(files).exists():
+                needed = (
+                    "a word that no preset and no other peer has, and a folder or CSV that exists"
+                )
+                raise refusal("a peer with =", needed, quoted(text), "mine=FOLDER")
+            chosen[Variant((), label, "", files)] = None
+        else:
+            name = Field("peer", words=(*by_text, "LABEL=FOLDER")).checked(text)
+            chosen |= dict.fromkeys(by_text.get(name, []))
+    absent = dict.fromkeys(variant.tool for variant in chosen if variant.version is None)
+    return [variant for variant in chosen if variant.version is not None], [*absent]
 
 
 def variants_of(
@@ -233,39 +191,17 @@ def variants_of(
     """
     if presets is None and counts is None and not axes:
         presets = ("draft", "balanced", "high")
-    preset = Field("variant", words=tuple(PRESETS))
-    count = Field("count", int, 0, MOST_GAUSSIANS)
-    own = [("quality", preset.checked(name)) for name in _sequence("variants", presets)]
-    own += [("gaussians", count.checked(number)) for number in _sequence("counts", counts)]
-    settings = [*((setting,) for setting in own), *(settings_of(axes) if axes else ())]
+    lists = {"quality": [*(presets or ())], "gaussians": [*(counts or ())]}
+    grids = [{name: values} for name, values in lists.items() if values]
     others, absent = peer_variants(peers, 1)
     for variant in others:
         if Path(variant.files).is_file():  # "" is no file
             raise refusal(f"peer {variant.tool}", "a folder", variant.files, "gauss2svg bench")
-    variants = [*map(Variant, dict.fromkeys(settings)), *others]
+    variants = [*map(Variant, settings_of(*grids, axes or {})), *others]
     if not variants:
         got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"
         raise InputError(f"variants must be at least one preset, count, axis or peer; got {got}")
     return variants, absent
-
-
-def main_variant(variants: Sequence[Variant]) -> Variant:
-    """Return the variant that pages show first.
-
-    It is the one in the middle of the list, because presets are listed from the fastest on.
-    """
-    own = [variant for variant in variants if variant.is_own] or variants
-    return own[len(own) // 2]
-
-
-def _sequence(name: str, values: Any) -> list[Any]:
-    """Return the values of an argument as a list, which is empty for None.
-
-    Raise InputError if the argument is text, or if it cannot be iterated over.
-    """
-    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable | None):
-        raise refusal(name, "a sequence", quoted(values), f"[{quoted(values)}]")
-    return [] if values is None else list(values)
 
 
 # Options that can be an axis: all options of four groups, and also `renderer` and `max_size`. The
@@ -283,7 +219,7 @@ AXES: dict[str, Field] = {
 # Settings of the benchmark if no axis is given: first the presets, and then some numbers of
 # Gaussians and of iterations with the default preset. On two cores, these runs take about a minute
 # for a photo of half a megapixel.
-DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
+GRIDS: tuple[dict[str, tuple[Any, ...]], ...] = (
     {"quality": tuple(PRESETS)},
     {"gaussians": (500, 2000, 8000), "iterations": (100, 300)},
 )
@@ -297,12 +233,10 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     InputError for an unknown axis or an invalid value.
     """
     axes: dict[str, tuple[Any, ...]] = {}
-    # Other values of these two options need programs that may not be installed, such as a browser.
-    usual = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
     for text in texts:
         name, equals_sign, listed = text.partition("=")
         axis = _axis(name := name.strip().replace("-", "_"))
-        values = _parsed(axis, listed) if equals_sign else usual.get(name, axis.choices)
+        values = _parsed(axis, listed) if equals_sign else axis.choices
         axes[name] = axes.get(name, ()) + values
     return axes
 
@@ -315,20 +249,18 @@ def _parsed(axis: Field, text: str) -> tuple[Any, ...]:
         return tuple(axis.parsed(value.strip()) for value in values)
 
 
-def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
-    """Return every combination of the values of axes, each once.
+def settings_of(*grids: Mapping[str, Sequence[Any]]) -> list[Settings]:
+    """Return every combination of the values of the axes of each grid, each once.
 
-    If there are no axes, return the settings of DEFAULT_GRID.
-
-    Raise InputError for an unknown axis, an axis without values, an invalid value, and options that
-    exclude each other.
+    An empty grid has no combination. Raise InputError for an unknown axis, an axis without values,
+    an invalid value, and options that exclude each other.
     """
     combinations: dict[Settings, None] = {}  # used as an ordered set
-    for grid in [axes] if axes else DEFAULT_GRID:
+    for grid in filter(None, grids):
         columns = []
         for name, values in grid.items():
             axis = _axis(name := name.replace("-", "_"))
-            columns.append([(name, axis.checked(value)) for value in _sequence(axis.name, values)])
+            columns.append([(name, axis.checked(value)) for value in values])
             if not columns[-1]:
                 raise refusal(axis.name, "given with values", "none", f"--axis {name}=VALUE,VALUE")
         combinations |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}

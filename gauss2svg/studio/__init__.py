@@ -9,8 +9,36 @@ a token.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
+
+from gauss2svg.options import Interval, OptionGroup, file_path
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudioOptions(OptionGroup):
+    """Options of the studio's server."""
+
+    folder: Annotated[Path | None, file_path] = None
+    """Folder whose photos the page offers."""
+
+    port: Annotated[int, Interval(ge=0, le=65535)] = 8137
+    """Port to listen on. 0 takes a free one."""
+
+    host: str = "127.0.0.1"
+    """Address to listen on. Any other than 127.0.0.1 lets other machines in."""
+
+    no_browser: bool = False
+    """Print the address of the page and open no browser."""
+
+    jobs: Annotated[int | None, Interval(ge=1)] = None
+    """Number of photos that are vectorised at the same time. The default depends on the number of
+    cores."""
+
+    threads: Annotated[int | None, Interval(ge=1)] = None
+    """Number of CPU threads for each photo. By default the photos share the cores."""
 
 
 @cache

@@ -1,29 +1,52 @@
-"""Jobs: the queue of fits for the pool of worker processes, and the results of finished fits.
+"""Jobs: the queue of fits for the pool of worker processes, and the files of each fit.
 
-The process of a job writes its progress and its results as files into the job's folder
-(`worker.py`). The server reads these files, so the two processes do not need to exchange messages.
-All functions here run in the same event loop.
+The process of a job writes these files into the job's folder:
+
+    progress.json, frame.jpg     during the fit
+    picture.svg, report.json     when the fit is done
+    photo.png, outline.svg, ..   after that, for the page and to be saved
+
+The server reads these files, so the two processes do not need to exchange messages. To end the fit
+with its best picture, the server writes a file named stop.
 """
 
 from __future__ import annotations
 
 import asyncio
 import atexit
+import io
 import json
+import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
+from urllib.parse import quote
 
+from gauss2svg.compare.records import json_safe, record_or_error
+from gauss2svg.compare.run import outlines_with_nodes
+from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.files import as_json, as_png, replace, saved
+from gauss2svg.measure.heatmap import error_map
+from gauss2svg.photo.pixels import over
+from gauss2svg.pipeline.budgets import memory_limit
+from gauss2svg.pipeline.options import Options, Progress
+from gauss2svg.pipeline.placeholder import Placeholder
+from gauss2svg.pipeline.plan import MINIMAL_UP_TO, USUAL_BYTES, Plan
+from gauss2svg.pipeline.progress_display import FrameMaker
+from gauss2svg.pipeline.vectorize import Result, vectorize_by
 from gauss2svg.pool import Pool
-from gauss2svg.studio.worker import fit, load
+from gauss2svg.svg import EDITABLE, MINIMAL
+from gauss2svg.svg.write import write_svg
 
+MASK = "focus.png"  # name of the mask's file in the folder of a job
 MOST_KEPT = 200  # largest number of finished jobs that are kept. The oldest are removed first
 
 
@@ -46,10 +69,11 @@ class Job:
     id: str = field(default_factory=lambda: secrets.token_hex(8))
     call: Future[dict[str, str]] = field(default_factory=Future)
 
-    @property
-    def progress(self) -> dict[str, Any] | None:
-        """The latest progress that the job's process has written, or None if there is none yet."""
-        return self._read("progress.json")
+    def described(self) -> dict[str, Any]:
+        """Return the state of the job, its progress, and its report once there is an SVG."""
+        names = ("id", "state", "report", "error", "name", "width", "height", "options", "lines")
+        progress = {"progress": self._read("progress.json")}  # None if there is none yet
+        return progress | {name: getattr(self, name) for name in names}
 
     @property
     def report(self) -> dict[str, Any] | None:
@@ -132,10 +156,9 @@ class Jobs:
         finished = [old for old in self.by_id.values() if old.call.done()]
         for old in finished[:-MOST_KEPT]:
             self.forget(old)
-        request = {name: getattr(job, name) for name in ("name", "folder", "options")}
-        request |= {"workers": self.workers, "threads": self.threads}
         self.by_id[job.id] = job
-        job.call = self._pool.submit(fit, request)
+        own = job.folder, job.name, job.options
+        job.call = self._pool.submit(fit, *own, self.workers, self.threads)
 
     def forget(self, job: Job) -> None:
         """End a job, and remove its files as soon as no worker writes them any more.
@@ -145,3 +168,111 @@ class Jobs:
         self.by_id.pop(job.id, None)
         job.call.cancel()
         job.call.add_done_callback(lambda _: shutil.rmtree(job.folder, ignore_errors=True))
+
+
+def load() -> None:
+    """Do nothing. The process that is asked to has then loaded this module, and so can fit."""
+
+
+def fit(
+    folder: Path, name: str, given: dict[str, Any], workers: int, threads: int
+) -> dict[str, str]:
+    """Fit a photo, and write the files of the job.
+
+    Return {}, or {"error": line} if this fails. The line does not show where the job's folder is.
+
+    name     file name of the photo, as the user knows it
+    given    options by name
+    workers  number of fits that share the memory
+    """
+
+    def write_files() -> dict[str, str]:
+        options = Options.from_flat(given)
+        share = memory_limit(None) // workers
+        result = _result(folder, options.changed(max_memory=share, threads=threads))
+        for file, data in _files(result, name, options):
+            _write(folder / file, data)
+        return {}
+
+    answer = record_or_error(write_files)
+    if "error" in answer:
+        line = answer["error"].replace(str(folder / "photo"), name)
+        answer["error"] = line.replace(f"{folder}{os.sep}", "")
+    return answer
+
+
+def _write(path: Path, data: bytes) -> None:
+    part = path.with_name("part")
+    part.write_bytes(data)
+    replace(part, path)
+
+
+def _result(folder: Path, options: Options) -> Result:
+    maker, frames = FrameMaker(), 0
+
+    def progress(now: Progress) -> None:
+        nonlocal frames
+        figures: dict[str, Any] = {"phase": now.phase}
+        if now.fit is not None:
+            frame = maker.frame(now.fit.scene)
+            # During a fit, progress is written only together with a new frame. After most steps,
+            # no new frame is due yet.
+            if not frame:
+                return
+            frames += 1
+            _write(folder / "frame.jpg", frame)
+            for name in (
+                "round", "iteration", "done", "gaussians", "areas", "psnr", "elapsed_s",
+                "remaining_s",
+            ):  # fmt: skip
+                figures[name] = getattr(now.fit, name)
+            if not now.fit.areas:
+                figures["bytes_estimate"] = USUAL_BYTES * now.fit.gaussians
+        _write(folder / "progress.json", as_json(json_safe({**figures, "frame": frames})))
+
+    return vectorize_by(
+        options,
+        folder / "photo",
+        focus=folder / MASK if (folder / MASK).exists() else None,
+        progress=progress,
+        # A request to stop has to wait for the first frame, because until then the fit has no
+        # picture that could be kept.
+        stop=lambda: frames > 0 and (folder / "stop").exists(),
+    )
+
+
+def _files(result: Result, name: str, options: Options) -> Iterator[tuple[str, bytes]]:
+    """Yield (name, bytes) of the files of a finished fit of the photo `name`.
+
+    As soon as report.json is written, the job counts as done. So the SVG comes before it, and the
+    files that users only look at or save come after it.
+    """
+    svg, report = result.svg, result.report
+    yield "picture.svg", svg.encode()
+    yield "report.json", as_json(report)
+    yield "photo.png", as_png(result.photo)
+    errors = error_map(over(result.raster), over(result.photo))
+    yield "errors.png", saved(lambda stream: errors.save(stream, "PNG"))
+    # For an additive picture, which has no outlines, this raises an error, and no file is written.
+    with suppress(Gauss2SvgError):
+        yield "outlines.svg", outlines_with_nodes(result)
+        yield "outline.svg", result.outline().encode()
+    # The page also offers the SVG in the markup that was not asked for. Some options do not allow
+    # that markup. The block then raises an error, and no file is written.
+    with suppress(Gauss2SvgError):
+        other = MINIMAL if report["markup"] == EDITABLE else EDITABLE
+        changed = {"precision": report["precision"]} if result.scene.areas else {}
+        form = Plan(options.changed(markup=other, focus_strength=None, **changed)).format
+        yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
+    yield "scene.npz", saved(result.scene.save)
+    if inks := report["inks"]:
+        plates, stream, stem = result.plates(), io.BytesIO(), PurePath(name).stem
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
+            for number, ink in enumerate(inks.split(","), start=1):
+                if ink in plates:
+                    zipped.writestr(f"{stem}-plate-{number}.svg", plates[ink])
+        yield "plates.zip", stream.getvalue()
+    if report["markup"] == MINIMAL and report["svg_bytes"] <= MINIMAL_UP_TO:
+        size = report["width"], report["height"]
+        one = Placeholder.of(svg, result.scene, size, result.photo)
+        yield "placeholder.html", f"{one.snippet(quote(name))}\n".encode()

@@ -13,7 +13,7 @@ from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
 from gauss2svg.scene.inks import PALETTE_SUFFIX
-from gauss2svg.studio.worker import MASK
+from gauss2svg.studio.jobs import MASK
 
 # Largest number of pixels of a PNG. Drawing so large a PNG takes half a gigabyte of memory.
 MOST_DRAWN = 40_000_000
@@ -46,7 +46,10 @@ def options_of(values: dict[str, Any], has_focus: bool = False) -> Options:
 
 
 def form() -> dict[str, Any]:
-    """Return the groups of options, first choices, scores and limits, as data for the page."""
+    """Return the groups of options, first choices, scores and limits, as data for the page.
+
+    Each option has its range, its default and its help text.
+    """
     groups = []
     for key, group in GROUPS.items():
         texts, fields = texts_of(group), fields_of(group)

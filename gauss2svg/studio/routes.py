@@ -32,9 +32,8 @@ from gauss2svg.photo import DEFAULT_MAX_PIXELS, SUFFIXES
 from gauss2svg.photo.load import opened
 from gauss2svg.raster.isolated import draw
 from gauss2svg.scene import Scene
-from gauss2svg.studio.jobs import Job, wait_until
+from gauss2svg.studio.jobs import MASK, Job, wait_until
 from gauss2svg.studio.options import MOST_DRAWN, USES, form, lines_of, options_of
-from gauss2svg.studio.worker import MASK
 from gauss2svg.svg import Document, Markup, Plotter
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
@@ -47,21 +46,6 @@ _FILES = (
     MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz", "outline.svg",
     "plates.zip", "placeholder.html",
 )  # fmt: skip
-
-
-class JobState(BaseModel):
-    """State of a job. `lines` has the command line and the Python call that make the same SVG."""
-
-    id: str
-    state: str  # queued, running, done or failed
-    progress: dict[str, Any] | None
-    report: dict[str, Any] | None
-    error: str
-    name: str
-    width: int
-    height: int
-    options: dict[str, Any]
-    lines: dict[str, str]
 
 
 def _app_state(request: Request) -> State:
@@ -113,13 +97,7 @@ async def page(studio: Studio) -> HTMLResponse:
     return HTMLResponse(html)
 
 
-@router.get("/api/options")
-async def options() -> dict[str, Any]:
-    """Return the options in their groups, the scores and the limits.
-
-    Each option has its range, its default and its help text.
-    """
-    return form()
+router.add_api_route("/api/options", form)
 
 
 @router.get("/api/samples")
@@ -209,10 +187,10 @@ async def _submitted(
 SubmittedJob = Annotated[Job, Depends(_submitted)]
 
 
-@router.post("/api/jobs", status_code=201, response_model=JobState)
-async def submit(job: SubmittedJob) -> Job:
+@router.post("/api/jobs", status_code=201)
+async def submit(job: SubmittedJob) -> dict[str, Any]:
     """Queue a photo, and return the state of its job with its id."""
-    return job
+    return job.described()
 
 
 @router.post("/api/vectorize", response_class=Response)
@@ -233,10 +211,10 @@ async def vectorize(request: Request, job: SubmittedJob, studio: Studio) -> Resp
     return answer
 
 
-@router.get("/api/jobs/{name}", response_model=JobState)
-async def state(job: KnownJob) -> Job:
+@router.get("/api/jobs/{name}")
+async def state(job: KnownJob) -> dict[str, Any]:
     """Return the state of a job, with its progress, and with its report once there is an SVG."""
-    return job
+    return job.described()
 
 
 @router.get("/api/jobs/{name}/events", response_class=EventSourceResponse)
@@ -248,8 +226,8 @@ async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent
     """
     last = None
     try:
-        while last is None or last.state in ("queued", "running"):
-            if (now := JobState.model_validate(job, from_attributes=True)) != last:
+        while last is None or last["state"] in ("queued", "running"):
+            if (now := job.described()) != last:
                 yield ServerSentEvent(data=now, event="state")
                 last = now
             await asyncio.sleep(0.05)
@@ -261,18 +239,15 @@ async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent
 @router.get("/api/jobs/{name}/frame", response_class=Response)
 async def frame(job: KnownJob) -> Response:
     """Return a JPEG of the fit as it is now. Wait if there is no frame yet."""
-    path = job.folder / "frame.jpg"
-    await wait_until(lambda: path.exists() or job.is_over)
-    if not path.exists():
-        raise HTTPException(404, "the job ended before its first frame")
+    path = await _written(job, "frame.jpg")
     return Response(path.read_bytes(), media_type="image/jpeg")
 
 
-@router.post("/api/jobs/{name}/stop", response_model=JobState)
-async def stop(job: KnownJob) -> Job:
+@router.post("/api/jobs/{name}/stop")
+async def stop(job: KnownJob) -> dict[str, Any]:
     """End a fit, and keep the best result so far."""
     (job.folder / "stop").touch()
-    return job
+    return job.described()
 
 
 @router.delete("/api/jobs/{name}", status_code=204, response_class=Response)

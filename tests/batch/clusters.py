@@ -24,15 +24,16 @@ _HELD = """
 import os, sys, time
 from pathlib import Path
 if "gauss2svg.pool" in sys.orig_argv or "spawn_main" in " ".join(sys.orig_argv):
-    from gauss2svg.batch import worker
-    write, here = worker.write, Path(__file__).parent
+    from gauss2svg.batch import many
+    sys.modules.pop("gauss2svg.pool")  # which is run as a program next
+    write, here = many.write, Path(__file__).parent
     def held(root, name, data):
         photo = Path(name).name.partition(".")[0]
         write(root, name, data)
         while photo >= (here / "first").read_text():
             (here / f"{photo}-{os.getpid()}").touch()
             time.sleep(0.01)
-    worker.write = held
+    many.write = held
 """
 
 

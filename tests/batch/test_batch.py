@@ -10,10 +10,18 @@ from types import SimpleNamespace
 import pytest
 from batches import TINY_COMMAND, marks, outputs, save_photo, save_photos, tiny
 
-from gauss2svg.batch import many, worker
-from gauss2svg.batch.many import Summary, as_cell, text_of_cell, vectorize_many
-from gauss2svg.batch.stores import STATE, TABLE, write
-from gauss2svg.batch.worker import MARKS, PhotoRecord
+from gauss2svg.batch import many
+from gauss2svg.batch.inputs import write
+from gauss2svg.batch.many import (
+    MARKS,
+    STATE,
+    TABLE,
+    PhotoRecord,
+    Summary,
+    as_cell,
+    text_of_cell,
+    vectorize_many,
+)  # fmt: skip
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
 from gauss2svg.photo.pixels import Header
@@ -130,23 +138,6 @@ def test_what_changed_alone_is_done_again_and_what_failed(run, photos, tmp_path)
     assert run(photos, seed=5)["done"] == ["bad.svg"]
 
 
-def test_fault_of_a_library_costs_its_photo_alone(run, photos, tmp_path, monkeypatch):
-    vectorize_by = worker.vectorize_by
-    faults = {"e.tif": ZeroDivisionError("a\nfault"), "a.jpg": MemoryError("5 GiB")}
-
-    def failing(options, image, **given):
-        if (fault := faults.get(os.path.basename(image))) is not None:
-            raise fault
-        return vectorize_by(options, image, **given)
-
-    monkeypatch.setattr(worker, "vectorize_by", failing)
-    found = run(photos)
-    assert (found["done"], found["failed"]) == (["a.svg", "b/c d.svg"], ["b/a.svg", "e.svg"])
-    errors = {name: row["error"] for name, row in rows(tmp_path / "out").items()}
-    assert errors["e.svg"] == "ZeroDivisionError: a fault"
-    assert errors["b/a.svg"].startswith("out of memory (5 GiB). Try")
-
-
 def test_disk_that_cannot_be_written_ends_the_batch_and_loses_nothing(
     run, photos, tmp_path, monkeypatch
 ):
@@ -156,35 +147,45 @@ def test_disk_that_cannot_be_written_ends_the_batch_and_loses_nothing(
             raise OutputError("cannot write it: no space") from error
         write(root, name, data)
 
-    monkeypatch.setattr(worker, "write", failing)
+    monkeypatch.setattr(many, "write", failing)
     with pytest.raises(OutputError, match="no space"):
         run(photos)
-    monkeypatch.setattr(worker, "write", write)
+    monkeypatch.setattr(many, "write", write)
     found = run(photos)
     assert set(found["skipped"]) >= {"a.svg", "e.svg"}
     assert "b/c d.svg" in found["done"]
 
 
-def test_what_costs_a_worker_or_a_name_that_is_taken_costs_its_photo_alone(
+def test_a_fault_a_lost_worker_or_a_name_that_is_taken_costs_its_photo_alone(
     run, photos, tmp_path, monkeypatch
 ):
     save_photo(photos / "e.svg/x.png", 5)  # e.svg is a folder then, or that is a file
-    vectorize_photo = worker.vectorize_photo
+    vectorize_by, vectorize_photo = many.vectorize_by, many.vectorize_photo
+    faults = {"c d.png": ZeroDivisionError("a\nfault"), "a.jpg": MemoryError("5 GiB")}
+
+    def failing(options, image, **given):
+        if (fault := faults.get(os.path.basename(image))) is not None:
+            raise fault
+        return vectorize_by(options, image, **given)
 
     def deadly(spec, photo):
         if photo[1] == "a.svg":
             raise WorkerDiedError("killed by SIGKILL")
         return vectorize_photo(spec, photo)
 
-    monkeypatch.setattr(worker, "vectorize_photo", deadly)
+    monkeypatch.setattr(many, "vectorize_by", failing)
+    monkeypatch.setattr(many, "vectorize_photo", deadly)
     found = run(photos)
-    assert found["done"] == GOOD[1:]
-    assert found["failed"] == ["a.svg", "e.svg/x.svg"]
-    assert "memory? Try" in rows(tmp_path / "out")["a.svg"]["error"]
+    assert found["done"] == ["e.svg"]
+    assert found["failed"] == ["a.svg", "b/a.svg", "b/c d.svg", "e.svg/x.svg"]
+    errors = {name: row["error"] for name, row in rows(tmp_path / "out").items()}
+    assert errors["b/c d.svg"] == "ZeroDivisionError: a fault"
+    assert errors["b/a.svg"].startswith("out of memory (5 GiB). Try")
+    assert "memory? Try" in errors["a.svg"]
 
 
 def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, monkeypatch):
-    monkeypatch.setattr(worker, "__version__", "0")
+    monkeypatch.setattr(many, "__version__", "0")
     with pytest.raises(ClusterError, match=r"workers must have gauss2svg .*; got 0"):
         run(photos)
     assert outputs(tmp_path / "out") == {}
@@ -221,24 +222,17 @@ def test_photo_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, mon
     assert run(photo, max_memory=limit)["done"] == ["large.svg"]
 
 
-def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatch):
-    now = iter((0.0, 10.0))
+def test_the_summary_has_the_time_left_at_the_speed_so_far_and_counts_sketches(monkeypatch):
+    now = iter((0.0, 10.0, 10.0))
     monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=now.__next__))
-    summary = Summary()
-    for given in ({}, {"error": "x"}, {"skipped": True}):
+    summary = Summary(13)
+    for given in ({"sketch": "#ffffff,#000000"}, {"error": "x"}, {"skipped": True}):
         summary.add(PhotoRecord("a.png", "a.svg", **given))
-    assert summary.progress_text(13) == "5 s a photo, 1 failed, 0:00:50 left"
-    monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=lambda: 5.0))
-    assert list(Summary().lines()) == ["0 done, 0 skipped, 0 failed in 0.0 s"]
-
-
-def test_the_summary_says_how_many_photos_were_drawn_as_sketches():
-    summary = Summary()
-    for sketch in ("#ffffff,#000000", None, "#eeeeee,#101010"):
-        summary.add(PhotoRecord("a.png", "a.svg", sketch=sketch))
-    (line,) = [line for line in summary.lines() if "sketch" in line]
-    assert line.startswith("2 drawn as sketches")
-    assert "psnr_photo" in line
+    assert summary.progress_text() == "5 s a photo, 1 failed, 0:00:50 left"
+    counts, sketches, failure = summary.lines()
+    assert counts == "1 done, 1 skipped, 1 failed in 10.0 s"
+    assert sketches.startswith("1 drawn as sketches")
+    assert failure == "failed: a.png: x"
 
 
 def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp_path):

@@ -10,7 +10,7 @@ from batches import marks, outputs, save_photos, tiny
 from clusters import Cluster, Local, ended
 from conftest import has_ended
 
-from gauss2svg.batch.stores import TABLE
+from gauss2svg.batch.many import TABLE
 from gauss2svg.pipeline.vectorize import vectorize_by
 
 pytestmark = pytest.mark.process

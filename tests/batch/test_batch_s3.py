@@ -4,8 +4,7 @@ import pytest
 from batches import PoolHere, outputs, save_photo, tiny
 
 from gauss2svg.batch import BatchOptions
-from gauss2svg.batch.many import vectorize_many
-from gauss2svg.batch.stores import TABLE
+from gauss2svg.batch.many import TABLE, vectorize_many
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pipeline.vectorize import vectorize_by
 

@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from gauss2svg.cli.main import COMMANDS
+from gauss2svg.cli.parser import COMMANDS
 
 pytest.importorskip("shtab")
 

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.browser
 
 AXES = [axis for axis in SCORES if axis.slug != "ssimulacra2"]  # the photos are too small for it
 SLUGS = [f"gaussians-{count}" for count in COUNTS]
-NAME = f"{COUNTS[0]} Gaussians"
+NAME = f"gaussians {COUNTS[0]}"
 PAGE = "photos/cat-9"
 zoom_of = partial(zoomed, width=120)
 SCREEN = {"width": 600, "height": 900}  # with a stage of 552 x 414 px

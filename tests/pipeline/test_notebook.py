@@ -42,14 +42,12 @@ def test_results_of_other_calls_show_a_line_and_a_picture(photo, tmp_path, drawn
     svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"/>'
     small = Placeholder(svg, 32, 32, "#888888", 3)
     checked = gauss2svg.check(photo[:32, :32], svg)
-    row = {"variant": "<a>", "median_psnr_svg": 30.0, "median_svg_bytes": 9e3, "median_total_s": 1}
-    gallery = Gallery(tmp_path, [{}], [row], [], 0, [])
+    gallery = Gallery(tmp_path / "<a>", [{}], [], [], 0, [])
     pages = [one._repr_html_() for one in (small, checked, gallery)]
     assert [page.count("<img ") for page in pages] == [1, 2, 0]
     assert re.fullmatch(r"<gauss2svg.Placeholder 32x32, .* Gaussians, \d+ bytes>", repr(small))
-    assert repr(gallery) == f"<gauss2svg.Gallery 1 SVGs, 0 failed, {tmp_path / 'index.html'}>"
-    for text in ("&lt;a&gt;", "30.00", "9.00\N{NARROW NO-BREAK SPACE}kB", 'index.html"'):
-        assert text in pages[2]
+    assert repr(gallery) == f"<gauss2svg.Gallery 1 SVGs, 0 failed, {gallery.index}>"
+    assert "&lt;a&gt;" in pages[2]
 
 
 def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(photo, capfd, hasty):

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from gauss2svg.batch.stores import STATE
-from gauss2svg.batch.worker import MARKS
+from gauss2svg.batch.many import MARKS, STATE
 from gauss2svg.pipeline.options import Options
 
 # The least work that still gives a file of its own for each photo.
@@ -26,7 +25,7 @@ def tiny(**given) -> Options:
 class PoolHere:
     """Stands in for a pool: its jobs run in this process, where tests can change what they do."""
 
-    def __init__(self, workers: int, *_: object) -> None:
+    def __init__(self, workers: int, **_: object) -> None:
         self.workers = workers
 
     def __enter__(self) -> PoolHere:
