@@ -65,7 +65,7 @@ the range of the canvas and fold back (`phases_of`). This allows a larger scale
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -220,10 +220,29 @@ def phases_of(scene: Scene) -> tuple[list[Ints], Floats, Floats]:
     allowed = picture, low - 0.02, high + 0.02
 
     def draw(indices: Ints, enough: float) -> int:
+        """Draw those whose excess is below `enough`, or return the one of least excess for inf."""
         chosen = len(indices), indices, enough, worst
         return _draw_gaussians(*samples, *allowed, *chosen, total, lowest, highest)
 
-    order = _order_of(draw, worst, pattern, by_mass)
+    # A tour visits all patterns of signs, one after the other. At each pattern, it draws those
+    # Gaussians with which the totals stay in the range. If a tour draws none, the Gaussian that
+    # exceeds the range least is drawn. A smaller excess than `rounding` may be due to float32.
+    rounding, parts, waiting = 1e-4, [by_mass[:0]], by_mass
+    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # a Gray code: each step changes only one sign
+    while waiting.size:
+        before = len(parts)
+        for signs in patterns:
+            tried = waiting[pattern[waiting] == signs]
+            if draw(tried, rounding):
+                parts.append(tried[worst[tried] == _DRAWN])
+        if len(parts) == before:
+            parts.append(np.array([draw(waiting, np.inf)]))
+            draw(parts[-1], _ANY)
+        waiting = waiting[worst[waiting] != _DRAWN]
+        # Each change of the pattern inverts channels of the canvas. The next tour visits the
+        # patterns in reverse order, so nothing is inverted between the two tours.
+        patterns = patterns[::-1]
+    order = np.concatenate(parts)
     # A partial sum that exceeds the image at the same sample by less than this is not out of range.
     lowest[lowest > picture - 1e-3] = np.inf
     highest[highest < picture + 1e-3] = -np.inf
@@ -256,39 +275,3 @@ def _samples_of(scene: Scene) -> tuple[Any, ...]:
     gaussians = mean, whitening_of(sigma, scene.rho), RADIUS * sigma, scene.color.copy()
     place = place[order].astype(np.float32)
     return len(start) - 1, RADIUS, place, start, falloff, *gaussians
-
-
-def _order_of(
-    draw: Callable[[Ints, float], int], worst: Ints, pattern: Ints, by_mass: Ints
-) -> Ints:
-    """Return the indices of all Gaussians, in an order that keeps the totals near low..high.
-
-    draw(indices, enough)  draws the Gaussians whose excess is below `enough`, one after the other.
-                           If `enough` is infinite, it draws none, and returns the one with the
-                           least excess
-    worst    (n,) _DRAWN for the Gaussians that `draw` has drawn
-    pattern  (n,) signs of their colours
-
-    The order is found in tours. A tour visits all patterns of signs, one after the other. At each
-    pattern it tries those Gaussians of this pattern that are not drawn yet, in the order by_mass.
-    It draws each one with which the totals stay in the range. If a tour draws no Gaussian, the
-    Gaussian that exceeds the range least is drawn.
-    """
-    rounding = 1e-4  # a smaller excess may be due to the rounding of float32
-    order, waiting = [by_mass[:0]], by_mass
-    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # a Gray code: each step changes only one sign
-    while waiting.size:
-        before = len(order)
-        for signs in patterns:
-            tried = waiting[pattern[waiting] == signs]
-            if draw(tried, rounding):
-                order.append(tried[worst[tried] == _DRAWN])
-        if len(order) == before:
-            order.append(np.array([draw(waiting, np.inf)]))
-            draw(order[-1], _ANY)
-        waiting = waiting[worst[waiting] != _DRAWN]
-        # Each change of the pattern inverts channels of the canvas. The next tour visits the
-        # patterns in reverse order. So it begins with the last pattern of this tour, and nothing is
-        # inverted between the two tours.
-        patterns = patterns[::-1]
-    return np.concatenate(order)

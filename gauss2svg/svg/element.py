@@ -235,10 +235,7 @@ def in_units(
     written, kept = list[Area](), list[int]()
     for k, one in enumerate(areas):
         places = [point for outline in one.outlines for point in outline.points]
-        if isinstance(one.paint, LinearGradient):
-            places += [one.paint.start, one.paint.end]
-        elif isinstance(one.paint, RadialGradient):
-            places += [one.paint.center, one.paint.radii]
+        places += () if isinstance(one.paint, tuple) else one.paint.place
         _check_reach("an area", max(one.width, np.abs(places).max()), unit)
         area = one.scaled(1 / unit, 1 / unit)
         whole = [

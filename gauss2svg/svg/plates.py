@@ -37,7 +37,7 @@ from gauss2svg.scene.inks import ink_colors, ink_name, inks_of_scene, oklab
 from gauss2svg.svg import MOST_TRAP
 from gauss2svg.svg.element import Floats
 from gauss2svg.svg.minimal import color_levels, colors_together, overlapping, projections
-from gauss2svg.svg.read_values import windings
+from gauss2svg.svg.paths import flat, windings
 
 if TYPE_CHECKING:  # not at run time, because only cut files need shapely
     from numpy.typing import NDArray
@@ -300,7 +300,7 @@ def _lines(radius: float, angle: float, tolerance: float) -> int:
 
 def _polygon(shapely: Any, area: Area, tolerance: float) -> BaseGeometry:
     """Return the region that an area fills, or the one that its strokes cover."""
-    points = [_flat(outline, tolerance) for outline in area.outlines]
+    points = [flat(outline, tolerance) for outline in area.outlines]
     if not area.is_line:
         return _filled(shapely, points)
     half = 0.5 * area.width
@@ -315,23 +315,6 @@ def _polygon(shapely: Any, area: Area, tolerance: float) -> BaseGeometry:
         path = shapely.LinearRing if outline.closed and len(line) > 3 else shapely.LineString
         strokes.append(path(line).buffer(half, **style))
     return shapely.union_all(strokes)
-
-
-def _flat(outline: Outline, tolerance: float) -> Floats:
-    """Return the points (n, 2) of an outline as lines. Those of a closed one end at the start."""
-    pieces = [outline.segments[:1, 0]]
-    for (a, b, c, d), is_curve in zip(outline.segments, outline.curved, strict=True):
-        if not is_curve:
-            pieces.append(d[None])
-            continue
-        # The second derivative of a cubic curve is at most 6 times this. Lines of a share of 1 / n
-        # are then off by at most an eighth of it, divided by n squared.
-        bend = max(portable.hypot(*(a - 2 * b + c)), portable.hypot(*(b - 2 * c + d)))
-        count = max(1, math.ceil(math.sqrt(0.75 * float(bend) / tolerance)))
-        t = np.arange(1, count + 1)[:, None] / count
-        s = 1 - t
-        pieces.append(s**3 * a + 3 * s**2 * t * b + 3 * s * t**2 * c + t**3 * d)
-    return np.concatenate(pieces)
 
 
 def _filled(shapely: Any, rings: list[Floats]) -> BaseGeometry:
