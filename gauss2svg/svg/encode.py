@@ -63,22 +63,8 @@ from gauss2svg.scene.falloff import (
     drawn_radius,
     half_radius,
 )
-from gauss2svg.svg import INKS, Document, SvgFormat, round_id
-from gauss2svg.svg.element import (
-    AreaElements,
-    Element,
-    Floats,
-    area_elements,
-    boxes_of,
-    check_shapes,
-    check_view,
-    clipped,
-    hex_color,
-    in_units,
-    number,
-    short_id,
-    unless,
-)
+from gauss2svg.svg import INKS, Document, SvgFormat, element, round_id
+from gauss2svg.svg.element import AreaElements, Element, Floats, hex_color, number, short_id, unless
 from gauss2svg.svg.forms import BLURS, CLEAR, Blur, as_written, gradient_stops, nearest_blurs
 
 Round = tuple[int, list[Element]]  # the index of a round, and the elements of its shapes
@@ -119,7 +105,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     """
     scene = as_written(scene, svg_format.form)
     precision, decimals = svg_format.precision, svg_format.opacity_decimals
-    written, scene = in_units(scene, scene.areas, precision, decimals)
+    written, scene = element.in_units(scene, scene.areas, precision, decimals)
     plain, blurred, shaded = (scene.drawn == kind for kind in (PLAIN, BLURRED, SOFT))
     blurs = [BLURS[k] for k in nearest_blurs(scene)[blurred]]
     radius, opacity = drawn_radius(scene.beta, plain), scene.opacity.copy()
@@ -131,7 +117,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     alphas = [number(value, decimals) for value in opacity]
     kept = [i for i, alpha in enumerate(alphas) if matrices[i] and alpha != "0"]
 
-    areas, filters, elements = area_elements(written, decimals), np.cumsum(blurred) - 1, []
+    areas, filters, elements = element.area_elements(written, decimals), np.cumsum(blurred) - 1, []
     # Shapes that have the same exponent and colour share a gradient. Shapes that have the same blur
     # share a filter.
     ids, definitions, first = dict[Any, str](), [*areas.definitions], len(areas.definitions)
@@ -158,7 +144,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
 
 def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Drawing:
     """Return the drawing of gauss2svg.svg.write.outline_svg, with the same arguments and errors."""
-    check_view(scene)
+    element.check_view(scene)
     width = Field("stroke_width", float, 0.01, 100.0).checked(stroke_width)
     # Lengths in px, opacities and degrees have two decimals.
     strokes = []  # areas and lines, in the first colour of their paint
@@ -166,10 +152,10 @@ def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Dr
         color = area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
         look = {"paint": color, "opacity": float(area.opacity >= 0.005), "width": width}
         strokes.append(dataclasses.replace(area, **look, cap="butt"))
-    lines, scene = in_units(scene.replace(transparent=True), strokes, 0.01, 2)
+    lines, scene = element.in_units(scene.replace(transparent=True), strokes, 0.01, 2)
     scene = scene.select(scene.opacity >= 0.005)
     radius, (axes, angle_rad) = half_radius(scene.beta), scene.ellipse_axes
-    check_shapes(scene, radius, 1.0)
+    element.check_shapes(scene, radius, 1.0)
     numbers = np.column_stack([axes * radius[:, None], scene.mean, np.degrees(angle_rad)])
     texts = [[number(v, 2) for v in row] for row in numbers]
     kept, ellipses = [i for i, (rx, ry, *_) in enumerate(texts) if "0" not in (rx, ry)], []
@@ -181,7 +167,7 @@ def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Dr
         ellipses.append(Element("ellipse", **place, stroke=stroke, transform=turn))
     root = {"fill": "none", "stroke-width": number(width, 2)}
     half = (radius[:, None] * scene.sigma + 0.5 * float(root["stroke-width"]))[kept]
-    scene, areas = scene.select(kept), area_elements(lines, 2)
+    scene, areas = scene.select(kept), element.area_elements(lines, 2)
     drawing = _drawing(scene, document, ellipses, half, areas, 0.01, transform="scale(.01)")
     return drawing._replace(root=root)
 
@@ -228,11 +214,11 @@ def _drawing(
     if not scene.transparent:
         rect = {"height": "100%", "id": "background", "width": "100%", "x": "0", "y": "0"}
         background = [Element("rect", fill=hex_color(np.round(scene.background * 255)), **rect)]
-    boxes = np.vstack([unit * areas.boxes, boxes_of(scene.mean, half)])
+    boxes = np.vstack([unit * areas.boxes, element.boxes_of(scene.mean, half)])
     # The inner <svg> is a layer, because otherwise a click in Inkscape would select all of it.
     as_layer = {"inkscape:groupmode": "layer"}
     body = [*background, *lower, *layers_of(rounds)]
-    body = clipped(body, boxes, (scene.width, scene.height), **as_layer)
+    body = element.clipped(body, boxes, (scene.width, scene.height), **as_layer)
     sheet = document.style([k for k, _ in rounds])
     counts = AreaCounts.of(scene.areas).without_nodes
     return Drawing(sides_of(scene), len(shapes), [], body, sheet, areas=counts)
@@ -287,8 +273,8 @@ def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike 
     A shape is left out if its extent is written as 0. Raise SceneError if a shape or the canvas is
     too large, or if the canvas is too small.
     """
-    check_view(scene, precision)
-    check_shapes(scene, radius, precision)
+    element.check_view(scene, precision)
+    element.check_shapes(scene, radius, precision)
     unit = np.broadcast_to(unit, len(scene))
     factor, mean = scene.factor * radius[:, None, None], scene.mean / precision
     factor = factor.transpose(0, 2, 1).reshape(-1, 4) / (unit * precision)[:, None]

@@ -40,19 +40,8 @@ from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, Area
 from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
-from gauss2svg.svg import CANVAS, CURRENT_COLOR, paints
-from gauss2svg.svg.file import (
-    INKSCAPE,
-    MOST_BYTES,
-    NUMBER,
-    SVG,
-    Scene,
-    frame_of,
-    from_root,
-    numbers,
-    parse,
-    read_source,
-)
+from gauss2svg.svg import CANVAS, CURRENT_COLOR, file, paints
+from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, NUMBER, SVG, Scene, numbers
 from gauss2svg.svg.paints import Fill, Gradient, color_of, reference_of, share_of, styled
 from gauss2svg.svg.paths import Affine, data_of, ellipses_of, length, nonzero, outlines_of
 
@@ -110,11 +99,11 @@ def read_svg(
     element. Such things are additive files, texts, images, masks, filters, dashes, style sheets,
     clips to a part of the canvas, and a group with an opacity (docs/reference/svg.md).
     """
-    text = from_root(read_source(source, max_bytes, "source", "max_bytes")[1])
+    text = file.from_root(file.read_source(source, max_bytes, "source", "max_bytes")[1])
     if text.count("<") - text.count("</") > max_elements:
         needed = f"of at most {max_elements} elements"
         raise refusal("the SVG", needed, "more", "a larger max_elements if you trust it")
-    return _Reader(parse(_in_own_color(text)), background, skip_hidden).scene()
+    return _Reader(file.parse(_in_own_color(text)), background, skip_hidden).scene()
 
 
 def _in_own_color(text: str) -> str:
@@ -420,7 +409,7 @@ def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ..
     The viewBox fills the canvas. The attribute data-canvas of the root states the size of the
     canvas in px. If the root does not have this attribute, the canvas has the size of the root.
     """
-    frame = frame_of(root)
+    frame = file.frame_of(root)
     width, height = numbers(root[CANVAS], CANVAS, 2) if CANVAS in root else frame[:2]
     x, y, across, down = frame.view_box
     scale_x, scale_y = width / across, height / down
