@@ -1,4 +1,4 @@
-"""Elements of an additive file, which draws the sum of a scene's signed colours.
+"""Additive files. Such a file draws the sum of a scene's signed colours.
 
 Under mix-blend-mode: difference, a colour d that is drawn over a value v gives |v - d|. While the
 file is drawn, the canvas holds s_c (P + o_c), where P is the sum of the Gaussians drawn so far. The
@@ -73,9 +73,9 @@ import numpy as np
 from gauss2svg.core import Kernel
 from gauss2svg.scene import Scene, whitening_of
 from gauss2svg.scene.falloff import RADIUS, profile
-from gauss2svg.svg import SvgFormat
+from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.element import Element, Floats, hex_color, number, short_id
-from gauss2svg.svg.encode import Drawing, layer, matrices_of, radial_gradient, sides_of
+from gauss2svg.svg.encode import document_svg, layer, matrices_of, radial_gradient
 from gauss2svg.svg.forms import Ints, whole_stops
 
 Ramp = Sequence[tuple[str, str]]  # offset and colour of each stop of a gradient
@@ -88,8 +88,8 @@ _draw_gaussians = Kernel(
 )
 
 
-def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
-    """Return the drawing of an additive scene. Equal arguments always give the same drawing.
+def additive_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
+    """Return the file of an additive scene. Equal arguments always give the same text.
 
     A Gaussian is left out if its extent is written as 0, or its colour as black. Raise SceneError
     if a Gaussian or the canvas is too large for a file.
@@ -144,8 +144,8 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     # is in spite of the blend mode. So the first rectangle, which is the background, appears in its
     # own colour.
     sheet = f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}"
-    view = sides_of(scene, svg_format.precision, 6)
-    return Drawing(view, sum(map(len, shown)), definitions, body, sheet)
+    count = {"gaussians": sum(map(len, shown)), "precision": svg_format.precision}
+    return document_svg(scene, document, body, definitions, sheet, **count)
 
 
 def _ramps(scene: Scene, scale: Floats, count: int) -> list[Ramp]:

@@ -1,7 +1,7 @@
 """Elements of an SVG: Gaussians' shapes, areas and lines as whole numbers of the user unit.
 
 Element.text writes all elements except the root of an editable file, which svgwrite writes
-(gauss2svg.svg.write). Areas and lines are paths:
+(gauss2svg.svg.encode). Areas and lines are paths:
 
     <path fill="#f80" d="m10 10h30v-5c9 4 9 11-2 15z"/>
     <path fill="none" stroke="#084" stroke-width="3" d="m0 4 9 5s8 2 7-3"/>

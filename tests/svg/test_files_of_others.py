@@ -39,7 +39,8 @@ DRAWN = {
     '<path fill="red" d="M5 5q9 0 12 9t10 9 3-3Q30 4 20 3T9 4z"/>': "1 area of 6 nodes",
     '<path fill="red" d="M5 5C7 0 9 3 15 9T30 20s4 5 3-9Q3 3 4 9S7 9 9 20z"/>': "1 area of 6 nodes",
     '<rect fill="red" x="3" y="2" width="50%" height="12" rx="19" ry="4"/>': "1 area of 6 nodes",
-    '<rect fill="url(#box)" x="3" y="2" width="20" height="12" transform="rotate(20)matrix(1 0 .364 1 0 0)"/>':
+    '<rect fill="url(#box)" x="3" y="2" width="20" height="12" '
+    'transform="rotate(20)matrix(1 0 .36 1 0 0)"/>':
         "1 area of 4 nodes",
     '<polyline points="1,2 13,4 5,19" fill="red" stroke="blue" stroke-width="2"/>':
         "1 area and 1 line of 6 nodes",
