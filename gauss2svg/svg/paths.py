@@ -204,7 +204,8 @@ def outlines_of(data: str, is_filled: bool) -> tuple[Outline, ...]:
             curved.append(False)
         elif is_closed:
             points.pop()
-        outlines.append(Outline([(p.real, p.imag) for p in points], curved, is_closed))
+        places = tuple((point.real, point.imag) for point in points)
+        outlines.append(Outline(places, tuple(curved), is_closed))
 
     for letter, values in _commands(data):
         here, kind = points[-1], letter.upper()

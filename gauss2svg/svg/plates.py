@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from shapely.geometry.base import BaseGeometry
 
-shapely = lazy_loader.load("shapely")  # only cut files need it, and it may not be installed
+shapely: Any = lazy_loader.load("shapely")  # only cut files need it, and it may not be installed
 
 # Two ellipses count as apart if the gap between them is at least this, in px. It is more than 0,
 # because edges are antialiased.

@@ -109,19 +109,6 @@ def test_a_minimal_file_without_a_size_is_a_scene_in_its_own_units():
     assert_read_as(read_svg(svg.replace(" viewBox", ' width="60" height="40" viewBox')), rounded)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_plain_ellipses_are_read_as_they_are_drawn(seed):
-    exact = SvgFormat(precision=0.01, opacity_decimals=3)
-    scene = random_scene(60, 150, 100, seed, (2, 40), (1, 64))
-    part = as_written(scene.select(is_plain(scene)), GRADIENT)
-    text = write_svg(part, exact)
-    back = read_svg(text)
-    assert is_plain(back).all()
-    assert metrics.psnr(render(back), render(part)) > 42
-    drawn = (rasterize(svg, 150, 100) for svg in (write_svg(back, exact), text))
-    assert metrics.psnr(*drawn) > 60
-
-
 @pytest.mark.parametrize(
     ("root", "scale", "shift"),
     [
