@@ -215,7 +215,7 @@ class _Reader:
                 advice = "to show it, to delete it, or read_svg(.., skip_hidden=True)"
                 raise refusal("shapes", "visible", "a hidden one", advice)
             if tag not in _GROUPS:
-                self._add(element, tag, attributes, state)
+                self._add(tag, attributes, state)
                 # A shape cannot have children that are shapes. Because of this depth, `_visit`
                 # refuses each child that would draw something.
                 state = state._replace(depth=_DEEPEST)
@@ -241,7 +241,7 @@ class _Reader:
         for child in children:
             self._visit(child, state)
 
-    def _add(self, element: Any, tag: str, attributes: Mapping[str, str], state: _State) -> None:
+    def _add(self, tag: str, attributes: Mapping[str, str], state: _State) -> None:
         """Add what an element draws: the background, an area, or shapes.
 
         A path of minimal markup may have several shapes.

@@ -32,11 +32,7 @@ def numbers_of(area: Area) -> list[float]:
     """All numbers of an area."""
     numbers = [area.opacity, area.width, *np.ravel([o.points[0] for o in area.outlines])]
     numbers += [v for outline in area.outlines for point in outline.points for v in point]
-    if isinstance(area.paint, tuple):
-        return [*numbers, *area.paint]
-    own = area.paint
-    place = [*own.start, *own.end] if isinstance(own, LinearGradient) else [*own.center, *own.radii]
-    return [*numbers, *own.offsets, *np.ravel(own.colors), *place]
+    return [*numbers, *area.paint]
 
 
 @given(
@@ -61,11 +57,6 @@ def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
         svg = write_svg(back, svg_format, page)
         back = read_svg(svg)
     assert write_svg(back, svg_format, page) == svg
-    halved = SvgFormat(markup=markup, precision=precision / 2) if precision > 0.002 else svg_format
-    scale = halved.precision / precision
-    assert write_svg(back.scaled(scale).select([]), halved).count("<path") == write_svg(
-        back.select([]), svg_format
-    ).count("<path")
 
 
 def plain_svg(area: Area, scale: float) -> str:
@@ -329,7 +320,5 @@ def test_scenes_that_a_file_cannot_have_are_refused():
         with pytest.raises(SceneError, match=r"an area must reach at most 4e\+06 px .* got 1e\+08"):
             write_svg(Scene(40, 30, areas=[area]))
     clear = dataclasses.replace(TRIANGLE, opacity=0.5)
-    shaded = dataclasses.replace(TRIANGLE, paint=LinearGradient((0, 1), (RED, RED)))
-    for area in (clear, shaded):
-        with pytest.raises(InputError, match="must be of opaque plain ellipses and areas alone"):
-            write_svg(Scene(40, 30, areas=[area]), SvgFormat(layers="inks"))
+    with pytest.raises(InputError, match="must be of opaque plain ellipses and areas alone"):
+        write_svg(Scene(40, 30, areas=[clear]), SvgFormat(layers="inks"))

@@ -20,7 +20,7 @@ from gauss2svg.scene import BLURRED, PLAIN, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.scene.scene import PARAMETERS
 from gauss2svg.svg import STOP_COUNTS, Document, Form, SvgFormat, minimal
-from gauss2svg.svg.forms import BLURS, GRADIENT, as_written, is_plain
+from gauss2svg.svg.forms import BLURS, as_written
 from gauss2svg.svg.minimal import as_written as minimal_as_written
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
