@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from scenes import random_areas, random_scene
+from scenes import random_scene
 from svg_texts import assert_same, document
 
 from gauss2svg.areas.scenes import with_ellipses_as_areas
@@ -140,31 +140,3 @@ def test_shapes_moved_in_inkscape_are_moved_and_nothing_else_is(
     assert ("<ellipse" in after.read_text()) == ("filter=" not in before.read_text())
     assert (form == BLUR) == ("filter=" in before.read_text())
     assert form == BLUR or set(BETA_CLASSES) <= set(old.beta)
-
-
-@pytest.mark.skipif(shutil.which("inkscape") is None, reason="needs Inkscape on the PATH")
-def test_areas_moved_in_inkscape_are_moved_and_nothing_else_is(tmp_path):
-    before, after = tmp_path / "before.svg", tmp_path / "after.svg"
-    scene = random_scene(3, 120, 80, 2).replace(areas=random_areas(12, 4, (120, 80)))
-    before.write_text(write_svg(scene))
-    _inkscape(
-        before, after,
-        "select-by-id:area-2,area-5,area-7;transform-translate:3,4;select-clear;"
-        "select-by-id:area-7;transform-rotate:90;select-clear;"
-        "select-by-id:areas;transform-translate:5,-2",
-    )  # fmt: skip
-    old, new = read_svg(before), read_svg(after)
-    assert len(new.areas) == len(old.areas)
-    for k, (area, moved) in enumerate(zip(old.areas, new.areas, strict=True), start=1):
-        shift = np.array([5, -2]) + np.array([3, 4]) * (k in (2, 5))
-        assert (moved.width, moved.cap) == (pytest.approx(area.width, abs=1e-4), area.cap)
-        for one, other in zip(area.outlines, moved.outlines, strict=True):
-            assert (one.curved, one.closed) == (other.curved, other.closed)
-            if k != 7:
-                np.testing.assert_allclose(np.add(one.points, shift), other.points, atol=1e-3)
-        if k != 7:
-            at = np.random.default_rng(k).uniform(0, 80, (2, 50))
-            own = area.paint
-            if not isinstance(own, tuple):
-                colors = moved.paint.at(*(at + shift[:, None]))
-                np.testing.assert_allclose(own.at(*at), colors, atol=0.01)
