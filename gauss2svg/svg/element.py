@@ -142,29 +142,22 @@ def with_own_ids(svg: str) -> str:
     return head + begin + _SHORT_ID.sub(own, rest)
 
 
-def check_view(scene: Scene, precision: float = 1.0) -> None:
-    """Raise SceneError if the canvas is too small or too large for a file.
+def check_scene(scene: Scene, radius: Floats, unit: float) -> None:
+    """Raise SceneError if a canvas is too small or too large, or a shape too large or far away.
 
-    precision  user unit of the file in px. The sides in this unit must not exceed LARGEST_NUMBER
+    radius  (n,) radius, in sigmas, of the discs that are drawn
+    unit    user unit of the file in px
     """
     low, high = sorted((scene.width, scene.height))
-    most = LARGEST_NUMBER * precision
+    most = LARGEST_NUMBER * unit
     if low < 0.01 or high > most:
         raise SceneError(
-            f"canvas of an SVG must be 0.01..{most:g} px a side at a precision of "
-            f"{precision:g} px; got {scene.width:g}x{scene.height:g} px. Try to scale the scene"
+            f"canvas of an SVG must be 0.01..{most:g} px a side at a precision of {unit:g} px; got "
+            f"{scene.width:g}x{scene.height:g} px. Try to scale the scene"
         )
-
-
-def check_shapes(scene: Scene, radius: Floats, precision: float) -> None:
-    """Raise SceneError if a shape is too large or too far away for a file.
-
-    radius     (n,) radius, in sigmas, of the disc that is drawn
-    precision  user unit of the file in px
-    """
     farthest = (np.abs(scene.mean) + radius[:, None] * scene.sigma).max(axis=1)
     if len(scene):
-        _check_reach(f"Gaussian {farthest.argmax()}", farthest.max(), precision)
+        _check_reach(f"Gaussian {farthest.argmax()}", farthest.max(), unit)
 
 
 def _check_reach(name: str, farthest: float, unit: float) -> None:

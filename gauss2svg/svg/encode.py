@@ -175,7 +175,6 @@ def editable_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str
 
 def outlines_svg(scene: Scene, document: Document, stroke_width: float) -> str:
     """Return the file of gauss2svg.svg.write.outline_svg, with the same arguments and errors."""
-    element.check_view(scene)
     width = Field("stroke_width", float, 0.01, 100.0).checked(stroke_width)
     # Lengths in px, opacities and degrees have two decimals.
     strokes = []  # areas and lines, in the first colour of their paint
@@ -186,7 +185,7 @@ def outlines_svg(scene: Scene, document: Document, stroke_width: float) -> str:
     lines, scene = element.in_units(scene.replace(transparent=True), strokes, 0.01, 2)
     scene = scene.select(scene.opacity >= 0.005)
     radius, (axes, angle_rad) = half_radius(scene.beta), scene.ellipse_axes
-    element.check_shapes(scene, radius, 1.0)
+    element.check_scene(scene, radius, 1.0)
     numbers = np.column_stack([axes * radius[:, None], scene.mean, np.degrees(angle_rad)])
     texts = [[number(v, 2) for v in row] for row in numbers]
     kept, ellipses = [i for i, (rx, ry, *_) in enumerate(texts) if "0" not in (rx, ry)], []
@@ -277,8 +276,7 @@ def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike 
     A shape is left out if its extent is written as 0. Raise SceneError if a shape or the canvas is
     too large, or if the canvas is too small.
     """
-    element.check_view(scene, precision)
-    element.check_shapes(scene, radius, precision)
+    element.check_scene(scene, radius, precision)
     unit = np.broadcast_to(unit, len(scene))
     factor, mean = scene.factor * radius[:, None, None], scene.mean / precision
     factor = factor.transpose(0, 2, 1).reshape(-1, 4) / (unit * precision)[:, None]

@@ -338,11 +338,10 @@ def rounded(
     if scene.blend == ADD:
         advice = "--portable, or --markup editable"
         raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)
-    element.check_view(scene, unit)
     areas, scene = element.in_units(scene, scene.areas, unit, opacity_decimals)
     soft = with_falloffs(scene, np.array(BETA_CLASSES)[nearest_class(scene.beta)])
     radius = drawn_radius(soft.beta, np.zeros(len(soft), bool))
-    element.check_shapes(soft, radius, unit)
+    element.check_scene(soft, radius, unit)
     a, b, d = soft.cholesky.T * radius
     numbers = np.round(np.column_stack([a, b, d, soft.mean]) / unit) + 0.0  # turns -0 into 0
     # After its numbers are rounded, a soft shape may look the same as a plain ellipse. It would
