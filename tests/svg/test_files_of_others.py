@@ -55,6 +55,7 @@ DRAWN = {
     '<path fill-rule="evenodd" fill="red" d="M2 2h30v25H2zM6 6h20v15H6zM9 9h9v9H9zM34 2h4v4h-4z"/>':
         "1 area of 16 nodes",
     f'<path style="fill-rule:evenodd" fill="red" d="{RING}"/>': "1 area of 8 nodes",
+    '<path fill-rule="evenodd" fill="red" d="M2 2h30v25H2zM6 6v15h20V6z"/>': "1 area of 8 nodes",
     '<path d="M5 5H25V20H5z" fill="red" stroke="blue" stroke-width="4" stroke-linejoin="round" '
     'stroke-miterlimit="10" style="paint-order:stroke fill markers"/>':
         "1 area and 1 line of 8 nodes",
