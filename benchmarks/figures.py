@@ -383,7 +383,7 @@ def areas() -> Figure:
     titles = [said(cat, "{area_count} areas, {line_count} lines, {node_count} nodes")]
     titles.append(said(cat, "painted: {kB:.1f} kB, {psnr_svg:.1f} dB"))
     figure = tiles([rasterize(outlines, 768, 768), rasterize(cat.svg, 768, 768)], titles)
-    nodes = [outline.segments[:, 0] for area in cat.scene.areas for outline in area.outlines]
+    nodes = [outline.nodes for area in cat.scene.areas for outline in area.outlines]
     figure.axes[0].plot(*3 * np.concatenate(nodes).T, "o", color="tab:red", markersize=3)
     return figure
 

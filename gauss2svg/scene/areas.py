@@ -91,6 +91,12 @@ class Outline:
         index = np.stack([start, start + cubic, end - cubic, end], axis=1)
         return points[index % len(points)]
 
+    @property
+    def nodes(self) -> NDArray[np.float64]:
+        """Ends (n, 2) of the segments, each of them once."""
+        segments = self.segments
+        return segments[:, 0] if self.closed else np.vstack([segments[:, 0], segments[-1:, 3]])
+
     @classmethod
     def of_segments(cls, segments: Any, curved: Iterable[bool], closed: bool = True) -> Self:
         """Return the outline that has these control points (k, 4, 2). Each starts at an end."""
