@@ -36,8 +36,7 @@ from gauss2svg.scene import Area, Scene
 from gauss2svg.scene.inks import ink_colors, ink_name, printed_colors
 from gauss2svg.svg import Document, Plotter
 from gauss2svg.svg.element import Element, hex_color, number
-from gauss2svg.svg.encode import Drawing, layer, sides_of
-from gauss2svg.svg.write import text_of
+from gauss2svg.svg.encode import document_svg, layer
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -106,9 +105,9 @@ class Plot(NamedTuple):
             "stroke-linecap": "round", "stroke-linejoin": "round",
         }  # fmt: skip
         sheet = Scene(*self.sheet)
-        drawing = Drawing(sides_of(sheet), 0, [], layers, root=root, size=f"{self.sheet[0]:g}mm")
-        named = dataclasses.replace(self.document, alt=self.document.alt or str(self))
-        return text_of(drawing, sheet, named)
+        alt, size = self.document.alt or str(self), f"{self.sheet[0]:g}mm"
+        named = dataclasses.replace(self.document, alt=alt, size=size)
+        return document_svg(sheet, named, layers, root=root)
 
 
 def plotted(

@@ -139,6 +139,11 @@ class _Gradient:
             place = _numbers(name, value, (2,), MOST_COORDINATE, least)
             object.__setattr__(self, field.name, place)
 
+    @property
+    def place(self) -> tuple[Point, ...]:
+        """The two pairs of numbers in px that say where the gradient is."""
+        return tuple(getattr(self, field.name) for field in dataclasses.fields(self)[2:])
+
     def colors_at(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the colours (.., 3) at positions along the gradient."""
         channels = np.array(self.colors).T
@@ -197,7 +202,6 @@ class RadialGradient(_Gradient):
 
 
 Paint = Color | LinearGradient | RadialGradient
-_PAINTS = {"linear": LinearGradient, "radial": RadialGradient}
 
 
 @dataclass(frozen=True)
@@ -286,22 +290,16 @@ def _several(count: int, word: str) -> str:
 
 def areas_to_json(areas: Iterable[Area]) -> str:
     """Return areas as a text, from which `areas_from_json` makes exactly the same areas."""
-
-    def paint(value: Paint) -> Any:
-        kind = next((k for k, cls in _PAINTS.items() if isinstance(value, cls)), None)
-        return value if kind is None else {"kind": kind, **dataclasses.asdict(value)}  # pyright: ignore[reportArgumentType]
-
-    rows = [{**dataclasses.asdict(area), "paint": paint(area.paint)} for area in areas]
-    return json.dumps(rows, separators=(",", ":"))
+    return json.dumps([dataclasses.asdict(area) for area in areas], separators=(",", ":"))
 
 
 def areas_from_json(text: str) -> tuple[Area, ...]:
     """Return the areas of a text of `areas_to_json`. Raise SceneError or KeyError for another."""
-
-    def area(row: dict[str, Any]) -> Area:
-        paint = row["paint"]
-        if isinstance(paint, dict):
-            paint = _PAINTS[paint.pop("kind")](**paint)
-        return Area(**{**row, "paint": paint, "outlines": [Outline(**o) for o in row["outlines"]]})
-
-    return tuple(map(area, json.loads(text)))
+    areas = list[Area]()
+    for row in json.loads(text):
+        row["outlines"] = [Outline(**outline) for outline in row["outlines"]]
+        if isinstance(paint := row["paint"], dict):
+            paint.pop("kind", None)  # some files have it
+            row["paint"] = (LinearGradient if "start" in paint else RadialGradient)(**paint)
+        areas.append(Area(**row))
+    return tuple(areas)

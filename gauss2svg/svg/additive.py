@@ -1,4 +1,4 @@
-"""Elements of an additive file, which draws the sum of a scene's signed colours.
+"""Additive files. Such a file draws the sum of a scene's signed colours.
 
 Under mix-blend-mode: difference, a colour d that is drawn over a value v gives |v - d|. While the
 file is drawn, the canvas holds s_c (P + o_c), where P is the sum of the Gaussians drawn so far. The
@@ -65,7 +65,7 @@ the range of the canvas and fold back (`phases_of`). This allows a larger scale
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -73,9 +73,9 @@ import numpy as np
 from gauss2svg.core import Kernel
 from gauss2svg.scene import Scene, whitening_of
 from gauss2svg.scene.falloff import RADIUS, profile
-from gauss2svg.svg import SvgFormat
+from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.element import Element, Floats, hex_color, number, short_id
-from gauss2svg.svg.encode import Drawing, layer, matrices_of, radial_gradient, sides_of
+from gauss2svg.svg.encode import document_svg, layer, matrices_of, radial_gradient
 from gauss2svg.svg.forms import Ints, whole_stops
 
 Ramp = Sequence[tuple[str, str]]  # offset and colour of each stop of a gradient
@@ -88,8 +88,8 @@ _draw_gaussians = Kernel(
 )
 
 
-def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
-    """Return the drawing of an additive scene. Equal arguments always give the same drawing.
+def additive_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
+    """Return the file of an additive scene. Equal arguments always give the same text.
 
     A Gaussian is left out if its extent is written as 0, or its colour as black. Raise SceneError
     if a Gaussian or the canvas is too large for a file.
@@ -144,8 +144,8 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     # is in spite of the blend mode. So the first rectangle, which is the background, appears in its
     # own colour.
     sheet = f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}"
-    view = sides_of(scene, svg_format.precision, 6)
-    return Drawing(view, sum(map(len, shown)), definitions, body, sheet)
+    count = {"gaussians": sum(map(len, shown)), "precision": svg_format.precision}
+    return document_svg(scene, document, body, definitions, sheet, **count)
 
 
 def _ramps(scene: Scene, scale: Floats, count: int) -> list[Ramp]:
@@ -220,10 +220,29 @@ def phases_of(scene: Scene) -> tuple[list[Ints], Floats, Floats]:
     allowed = picture, low - 0.02, high + 0.02
 
     def draw(indices: Ints, enough: float) -> int:
+        """Draw those whose excess is below `enough`, or return the one of least excess for inf."""
         chosen = len(indices), indices, enough, worst
         return _draw_gaussians(*samples, *allowed, *chosen, total, lowest, highest)
 
-    order = _order_of(draw, worst, pattern, by_mass)
+    # A tour visits all patterns of signs, one after the other. At each pattern, it draws those
+    # Gaussians with which the totals stay in the range. If a tour draws none, the Gaussian that
+    # exceeds the range least is drawn. A smaller excess than `rounding` may be due to float32.
+    rounding, parts, waiting = 1e-4, [by_mass[:0]], by_mass
+    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # a Gray code: each step changes only one sign
+    while waiting.size:
+        before = len(parts)
+        for signs in patterns:
+            tried = waiting[pattern[waiting] == signs]
+            if draw(tried, rounding):
+                parts.append(tried[worst[tried] == _DRAWN])
+        if len(parts) == before:
+            parts.append(np.array([draw(waiting, np.inf)]))
+            draw(parts[-1], _ANY)
+        waiting = waiting[worst[waiting] != _DRAWN]
+        # Each change of the pattern inverts channels of the canvas. The next tour visits the
+        # patterns in reverse order, so nothing is inverted between the two tours.
+        patterns = patterns[::-1]
+    order = np.concatenate(parts)
     # A partial sum that exceeds the image at the same sample by less than this is not out of range.
     lowest[lowest > picture - 1e-3] = np.inf
     highest[highest < picture + 1e-3] = -np.inf
@@ -256,39 +275,3 @@ def _samples_of(scene: Scene) -> tuple[Any, ...]:
     gaussians = mean, whitening_of(sigma, scene.rho), RADIUS * sigma, scene.color.copy()
     place = place[order].astype(np.float32)
     return len(start) - 1, RADIUS, place, start, falloff, *gaussians
-
-
-def _order_of(
-    draw: Callable[[Ints, float], int], worst: Ints, pattern: Ints, by_mass: Ints
-) -> Ints:
-    """Return the indices of all Gaussians, in an order that keeps the totals near low..high.
-
-    draw(indices, enough)  draws the Gaussians whose excess is below `enough`, one after the other.
-                           If `enough` is infinite, it draws none, and returns the one with the
-                           least excess
-    worst    (n,) _DRAWN for the Gaussians that `draw` has drawn
-    pattern  (n,) signs of their colours
-
-    The order is found in tours. A tour visits all patterns of signs, one after the other. At each
-    pattern it tries those Gaussians of this pattern that are not drawn yet, in the order by_mass.
-    It draws each one with which the totals stay in the range. If a tour draws no Gaussian, the
-    Gaussian that exceeds the range least is drawn.
-    """
-    rounding = 1e-4  # a smaller excess may be due to the rounding of float32
-    order, waiting = [by_mass[:0]], by_mass
-    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # a Gray code: each step changes only one sign
-    while waiting.size:
-        before = len(order)
-        for signs in patterns:
-            tried = waiting[pattern[waiting] == signs]
-            if draw(tried, rounding):
-                order.append(tried[worst[tried] == _DRAWN])
-        if len(order) == before:
-            order.append(np.array([draw(waiting, np.inf)]))
-            draw(order[-1], _ANY)
-        waiting = waiting[worst[waiting] != _DRAWN]
-        # Each change of the pattern inverts channels of the canvas. The next tour visits the
-        # patterns in reverse order. So it begins with the last pattern of this tour, and nothing is
-        # inverted between the two tours.
-        patterns = patterns[::-1]
-    return np.concatenate(order)

@@ -1,7 +1,7 @@
 """Elements of an SVG: Gaussians' shapes, areas and lines as whole numbers of the user unit.
 
 Element.text writes all elements except the root of an editable file, which svgwrite writes
-(gauss2svg.svg.write). Areas and lines are paths:
+(gauss2svg.svg.encode). Areas and lines are paths:
 
     <path fill="#f80" d="m10 10h30v-5c9 4 9 11-2 15z"/>
     <path fill="none" stroke="#084" stroke-width="3" d="m0 4 9 5s8 2 7-3"/>
@@ -142,29 +142,22 @@ def with_own_ids(svg: str) -> str:
     return head + begin + _SHORT_ID.sub(own, rest)
 
 
-def check_view(scene: Scene, precision: float = 1.0) -> None:
-    """Raise SceneError if the canvas is too small or too large for a file.
+def check_scene(scene: Scene, radius: Floats, unit: float) -> None:
+    """Raise SceneError if a canvas is too small or too large, or a shape too large or far away.
 
-    precision  user unit of the file in px. The sides in this unit must not exceed LARGEST_NUMBER
+    radius  (n,) radius, in sigmas, of the discs that are drawn
+    unit    user unit of the file in px
     """
     low, high = sorted((scene.width, scene.height))
-    most = LARGEST_NUMBER * precision
+    most = LARGEST_NUMBER * unit
     if low < 0.01 or high > most:
         raise SceneError(
-            f"canvas of an SVG must be 0.01..{most:g} px a side at a precision of "
-            f"{precision:g} px; got {scene.width:g}x{scene.height:g} px. Try to scale the scene"
+            f"canvas of an SVG must be 0.01..{most:g} px a side at a precision of {unit:g} px; got "
+            f"{scene.width:g}x{scene.height:g} px. Try to scale the scene"
         )
-
-
-def check_shapes(scene: Scene, radius: Floats, precision: float) -> None:
-    """Raise SceneError if a shape is too large or too far away for a file.
-
-    radius     (n,) radius, in sigmas, of the disc that is drawn
-    precision  user unit of the file in px
-    """
     farthest = (np.abs(scene.mean) + radius[:, None] * scene.sigma).max(axis=1)
     if len(scene):
-        _check_reach(f"Gaussian {farthest.argmax()}", farthest.max(), precision)
+        _check_reach(f"Gaussian {farthest.argmax()}", farthest.max(), unit)
 
 
 def _check_reach(name: str, farthest: float, unit: float) -> None:
@@ -235,10 +228,7 @@ def in_units(
     written, kept = list[Area](), list[int]()
     for k, one in enumerate(areas):
         places = [point for outline in one.outlines for point in outline.points]
-        if isinstance(one.paint, LinearGradient):
-            places += [one.paint.start, one.paint.end]
-        elif isinstance(one.paint, RadialGradient):
-            places += [one.paint.center, one.paint.radii]
+        places += () if isinstance(one.paint, tuple) else one.paint.place
         _check_reach("an area", max(one.width, np.abs(places).max()), unit)
         area = one.scaled(1 / unit, 1 / unit)
         whole = [

@@ -1,4 +1,4 @@
-"""Elements of an editable file. svgwrite writes the document around them.
+"""Editable files, and files of outlines. svgwrite writes the document around their elements.
 
 A Gaussian is the unit circle under matrix(a b c d e f). With R = cut_radius(beta), any matrix M for
 which M M^T = R^2 covariance draws the same ellipse, because a circle has no direction. Of these
@@ -46,10 +46,10 @@ A file of outlines has a stroke along the contour at which the falloff of each s
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,63 +63,80 @@ from gauss2svg.scene.falloff import (
     drawn_radius,
     half_radius,
 )
-from gauss2svg.svg import INKS, Document, SvgFormat, round_id
-from gauss2svg.svg.element import (
-    AreaElements,
-    Element,
-    Floats,
-    area_elements,
-    boxes_of,
-    check_shapes,
-    check_view,
-    clipped,
-    hex_color,
-    in_units,
-    number,
-    short_id,
-    unless,
-)
+from gauss2svg.svg import CANVAS, INKS, Document, SvgFormat, element, round_id, signed
+from gauss2svg.svg.element import Element, Floats, hex_color, number, short_id, unless
 from gauss2svg.svg.forms import BLURS, CLEAR, Blur, as_written, gradient_stops, nearest_blurs
-
-Round = tuple[int, list[Element]]  # the index of a round, and the elements of its shapes
+from gauss2svg.version import __version__
 
 LARGE_FROM = (
     16.0  # smallest exponent at which a gradient has the radius 100 (docs/decisions/svg.md)
 )
 
 
-class Drawing(NamedTuple):
-    """The elements of a file, its style sheet, and attributes of its root.
+def document_svg(
+    scene: Scene,
+    document: Document,
+    body: Sequence[Element],
+    definitions: Sequence[Element] = (),
+    sheet: str = "",
+    *,
+    gaussians: int = 0,
+    areas: str = "",
+    precision: float | None = None,
+    root: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Return the text of a file. Its root has a size, a title and a description.
 
-    view         width and height in user units
-    gaussians    number of shapes
-    definitions  the gradients and filters that the shapes use
     body         background, areas, and groups of shapes, from bottom to top
+    definitions  the gradients and filters that the shapes use
     sheet        style sheet, or "" if there is none
-    root         attributes of the root in addition to those that every file has
-    size         width of the picture with its unit. None if the document sets the size
+    gaussians    number of shapes
     areas        numbers of areas and lines as text, "" if there are none
+    precision    user unit in px. None for px with three decimals
+    root         attributes of the root in addition to those that every file has
     """
+    # Imported here because it is slow to import and minimal files do not need it.
+    from svgwrite.container import SVG
+    from svgwrite.extensions.inkscape import INKSCAPE_NAMESPACE
 
-    view: tuple[str, str]
-    gaussians: int
-    definitions: Sequence[Element]
-    body: Sequence[Element]
-    sheet: str = ""
-    root: Mapping[str, str] = MappingProxyType({})
-    size: str | None = None
-    areas: str = ""
+    inside = [Element("defs", definitions)] if definitions else []
+    if sheet:
+        inside.append(Element("style", f"<![CDATA[{sheet}]]>", type="text/css"))
+    texts = [one.text() for one in (*inside, *body)]
+    canvas, sides = _sides_of(scene), document.sides(scene.width, scene.height)
+    view = " ".join(_sides_of(scene, precision, 6) if precision else canvas)
+    # The checks of svgwrite are off. With debug=True, writing would take three times as long, and
+    # the checks do not find NaN.
+    svg = SVG(size=sides or canvas, viewBox=f"0 0 {view}", debug=False)
+    svg["xmlns"] = "http://www.w3.org/2000/svg"
+    if any("inkscape:" in text for text in texts):
+        svg["xmlns:inkscape"] = INKSCAPE_NAMESPACE
+    if document.aspect:
+        svg["preserveAspectRatio"] = document.aspect
+    if document.is_responsive:
+        del svg.attribs["width"], svg.attribs["height"]
+    if sides or document.is_responsive:
+        svg[CANVAS] = " ".join(canvas)
+    svg.update({"role": "img", **root})
+    counts = [areas] * bool(areas) + [f"{gaussians} Gaussians"] * (gaussians > 0 or not areas)
+    usual = f"{' and '.join(counts)}, fitted and written by gauss2svg {__version__}"
+    svg.set_desc(title=document.title, desc=document.alt or usual)
+    head, _, end = svg.tostring().partition("<defs />")
+    if document.alt:  # then the description does not say by which program the file was written
+        head = signed(head)
+    text = "".join(['<?xml version="1.0" encoding="utf-8"?>\n', head, *texts, end, "\n"])
+    return element.with_own_ids(text) if areas else text
 
 
-def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
-    """Return the drawing of a scene. Equal arguments always give the same drawing.
+def editable_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
+    """Return the editable file of a scene. Equal arguments always give the same text.
 
     A Gaussian is left out if its opacity or its extent is written as 0. Raise SceneError if a
     Gaussian or the canvas is too large for a file, or if the canvas is too small.
     """
     scene = as_written(scene, svg_format.form)
     precision, decimals = svg_format.precision, svg_format.opacity_decimals
-    written, scene = in_units(scene, scene.areas, precision, decimals)
+    written, scene = element.in_units(scene, scene.areas, precision, decimals)
     plain, blurred, shaded = (scene.drawn == kind for kind in (PLAIN, BLURRED, SOFT))
     blurs = [BLURS[k] for k in nearest_blurs(scene)[blurred]]
     radius, opacity = drawn_radius(scene.beta, plain), scene.opacity.copy()
@@ -131,7 +148,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     alphas = [number(value, decimals) for value in opacity]
     kept = [i for i, alpha in enumerate(alphas) if matrices[i] and alpha != "0"]
 
-    areas, filters, elements = area_elements(written, decimals), np.cumsum(blurred) - 1, []
+    areas, filters, elements = element.area_elements(written, decimals), np.cumsum(blurred) - 1, []
     # Shapes that have the same exponent and colour share a gradient. Shapes that have the same blur
     # share a filter.
     ids, definitions, first = dict[Any, str](), [*areas.definitions], len(areas.definitions)
@@ -150,15 +167,14 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
         elements.append(Element("circle", fill=fill, **look, transform=matrices[i]))
     radius[blurred] *= [1 + CLEAR * blur.deviation for blur in blurs]
     half = (radius[:, None] * scene.sigma)[kept]
-    layers_of = ink_layers if svg_format.layers == INKS else round_layers
-    scene = scene.select(kept)
-    drawing = _drawing(scene, document, elements, half, areas, precision, layers_of)
-    return drawing._replace(view=sides_of(scene, precision, 6), definitions=definitions)
+    boxes = np.vstack([precision * areas.boxes, element.boxes_of(scene.mean[kept], half)])
+    scene, by_ink = scene.select(kept), svg_format.layers == INKS
+    look = {"definitions": definitions, "precision": precision}
+    return _layered_svg(scene, document, areas.paths, elements, boxes, by_ink, **look)
 
 
-def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Drawing:
-    """Return the drawing of gauss2svg.svg.write.outline_svg, with the same arguments and errors."""
-    check_view(scene)
+def outlines_svg(scene: Scene, document: Document, stroke_width: float) -> str:
+    """Return the file of gauss2svg.svg.write.outline_svg, with the same arguments and errors."""
     width = Field("stroke_width", float, 0.01, 100.0).checked(stroke_width)
     # Lengths in px, opacities and degrees have two decimals.
     strokes = []  # areas and lines, in the first colour of their paint
@@ -166,10 +182,10 @@ def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Dr
         color = area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
         look = {"paint": color, "opacity": float(area.opacity >= 0.005), "width": width}
         strokes.append(dataclasses.replace(area, **look, cap="butt"))
-    lines, scene = in_units(scene.replace(transparent=True), strokes, 0.01, 2)
+    lines, scene = element.in_units(scene.replace(transparent=True), strokes, 0.01, 2)
     scene = scene.select(scene.opacity >= 0.005)
     radius, (axes, angle_rad) = half_radius(scene.beta), scene.ellipse_axes
-    check_shapes(scene, radius, 1.0)
+    element.check_scene(scene, radius, 1.0)
     numbers = np.column_stack([axes * radius[:, None], scene.mean, np.degrees(angle_rad)])
     texts = [[number(v, 2) for v in row] for row in numbers]
     kept, ellipses = [i for i, (rx, ry, *_) in enumerate(texts) if "0" not in (rx, ry)], []
@@ -181,98 +197,71 @@ def encode_outlines(scene: Scene, document: Document, stroke_width: float) -> Dr
         ellipses.append(Element("ellipse", **place, stroke=stroke, transform=turn))
     root = {"fill": "none", "stroke-width": number(width, 2)}
     half = (radius[:, None] * scene.sigma + 0.5 * float(root["stroke-width"]))[kept]
-    scene, areas = scene.select(kept), area_elements(lines, 2)
-    drawing = _drawing(scene, document, ellipses, half, areas, 0.01, transform="scale(.01)")
-    return drawing._replace(root=root)
+    scene, areas = scene.select(kept), element.area_elements(lines, 2)
+    boxes = np.vstack([0.01 * areas.boxes, element.boxes_of(scene.mean, half)])
+    scale = "scale(.01)"
+    return _layered_svg(scene, document, areas.paths, ellipses, boxes, transform=scale, root=root)
 
 
-def round_layers(rounds: Sequence[Round]) -> list[Element]:
-    """Return a group for each round. Inkscape shows these groups as layers."""
-    return [
-        layer(f"Round {index + 1}: {len(inside)} Gaussians", inside, id=round_id(index))
-        for index, inside in rounds
-    ]
-
-
-def ink_layers(rounds: Sequence[Round]) -> list[Element]:
-    """Return a group for each round. The shapes of a round share one ink, which the group sets."""
-    layers = []
-    for index, inside in rounds:
-        fill, bare = inside[0].attributes["fill"], [one.replace(fill=None) for one in inside]
-        name = fill if len(fill) == 7 else "#" + "".join(2 * digit for digit in fill[1:])
-        label, key = f"Ink {name}: {len(inside)} ellipses", f"ink-{index + 1}"
-        layers.append(layer(label, bare, fill=fill, id=key))
-    return layers
-
-
-def _drawing(
+def _layered_svg(
     scene: Scene,
     document: Document,
+    paths: Sequence[Element],
     shapes: Sequence[Element],
-    half: Floats,
-    areas: AreaElements,
-    unit: float,
-    layers_of: Callable[[Sequence[Round]], list[Element]] = round_layers,
-    **attributes: str,
-) -> Drawing:
-    """Return the drawing of areas and shapes in layers, above the background of the scene.
+    boxes: Floats,
+    by_ink: bool = False,
+    transform: str | None = None,
+    **others: Any,
+) -> str:
+    """Return the file of areas and shapes in layers, above the background of the scene.
 
-    shapes      elements of the shapes of the scene
-    half        (n, 2) half of the sides of the boxes around the shapes, in px
-    unit        unit of the areas in px
-    layers_of   function that makes layers of the rounds above all areas
-    attributes  attributes of each group of areas
+    paths   element of each area of the scene
+    shapes  elements of the shapes of the scene
+    boxes   (n, 4) boxes around all of them, in px
+    by_ink  whether the shapes of a round share one ink, which the layer sets
+    transform  transform of the layers of areas
+    others  further arguments of document_svg
     """
-    lower, rounds = _layers_by_level(areas.paths, shapes, scene, **attributes)
-    background = []
+    body, first, parts = list[Element](), 0, 0
     if not scene.transparent:
         rect = {"height": "100%", "id": "background", "width": "100%", "x": "0", "y": "0"}
-        background = [Element("rect", fill=hex_color(np.round(scene.background * 255)), **rect)]
-    boxes = np.vstack([unit * areas.boxes, boxes_of(scene.mean, half)])
+        body.append(Element("rect", fill=hex_color(np.round(scene.background * 255)), **rect))
+    rows = zip(scene.level.tolist(), scene.round_index.tolist(), shapes, strict=True)
+    groups = [(key, [row[2] for row in run]) for key, run in groupby(rows, lambda row: row[:2])]
+    for (level, index), inside in [*groups, ((ABOVE, 0), [])]:
+        above, area = len(paths) if level == ABOVE else level, f"area-{level + 1}"
+        if above > first:
+            parts += 1
+            label = f"Areas: {AreaCounts.of(scene.areas[first:above]).without_nodes}"
+            key = f"areas-{parts}" if parts > 1 else "areas"
+            body.append(layer(label, paths[first:above], id=key, transform=transform))
+            first = above
+        label, key = f"Round {index + 1}: {len(inside)} Gaussians", round_id(index)
+        if level != ABOVE:
+            label = f"Round {index + 1}, below {area}: {len(inside)} Gaussians"
+            body.append(layer(label, inside, id=f"below-{area}-{key}"))
+        elif by_ink and inside:
+            fill, bare = inside[0].attributes["fill"], [one.replace(fill=None) for one in inside]
+            name = fill if len(fill) == 7 else "#" + "".join(2 * digit for digit in fill[1:])
+            label, key = f"Ink {name}: {len(inside)} ellipses", f"ink-{index + 1}"
+            body.append(layer(label, bare, fill=fill, id=key))
+        elif inside:
+            body.append(layer(label, inside, id=key))
     # The inner <svg> is a layer, because otherwise a click in Inkscape would select all of it.
     as_layer = {"inkscape:groupmode": "layer"}
-    body = [*background, *lower, *layers_of(rounds)]
-    body = clipped(body, boxes, (scene.width, scene.height), **as_layer)
-    sheet = document.style([k for k, _ in rounds])
-    counts = AreaCounts.of(scene.areas).without_nodes
-    return Drawing(sides_of(scene), len(shapes), [], body, sheet, areas=counts)
+    body = element.clipped(body, boxes, (scene.width, scene.height), **as_layer)
+    sheet = document.style([index for (level, index), _ in groups if level == ABOVE])
+    counts = {"gaussians": len(shapes), "areas": AreaCounts.of(scene.areas).without_nodes}
+    return document_svg(scene, document, body, sheet=sheet, **counts, **others)
 
 
-def _layers_by_level(
-    paths: Sequence[Element], elements: Sequence[Element], scene: Scene, **attributes: str
-) -> tuple[list[Element], list[Round]]:
-    """Return the groups of areas and of the shapes below areas, and the rounds above all areas.
-
-    paths       element of each area of the scene
-    elements    elements of the shapes of the scene
-    attributes  attributes of each group of areas
-    """
-    shapes: dict[int, list[Round]] = {}
-    rows = zip(scene.level.tolist(), scene.round_index.tolist(), elements, strict=True)
-    for (level, index), run in groupby(rows, lambda row: row[:2]):
-        shapes.setdefault(level, []).append((index, [element for *_, element in run]))
-    above, layers, first, parts = shapes.pop(ABOVE, []), list[Element](), 0, 0
-    for level in (*shapes, len(paths)):
-        if level > first:
-            parts += 1
-            key = f"areas-{parts}" if parts > 1 else "areas"
-            label = f"Areas: {AreaCounts.of(scene.areas[first:level]).without_nodes}"
-            layers.append(layer(label, paths[first:level], id=key, **attributes))
-        for index, inside in shapes.get(level, ()):
-            area = f"area-{level + 1}"
-            label = f"Round {index + 1}, below {area}: {len(inside)} Gaussians"
-            layers.append(layer(label, inside, id=f"below-{area}-{round_id(index)}"))
-        first = level
-    return layers, above
-
-
-def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:
+def layer(label: str, inside: Sequence[Element], **attributes: str | None) -> Element:
     """Return a group that Inkscape shows as a layer."""
     shown = {"inkscape:groupmode": "layer", "inkscape:label": label, **attributes}
     return Element("g", inside, **dict(sorted(shown.items())))
 
 
-def sides_of(scene: Scene, unit: float = 1.0, decimals: int = 3) -> tuple[str, str]:
+def _sides_of(scene: Scene, unit: float = 1.0, decimals: int = 3) -> tuple[str, str]:
     """Return the width and height of the canvas as texts, in units of `unit` px."""
     return number(scene.width / unit, decimals), number(scene.height / unit, decimals)
 
@@ -287,8 +276,7 @@ def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike 
     A shape is left out if its extent is written as 0. Raise SceneError if a shape or the canvas is
     too large, or if the canvas is too small.
     """
-    check_view(scene, precision)
-    check_shapes(scene, radius, precision)
+    element.check_scene(scene, radius, precision)
     unit = np.broadcast_to(unit, len(scene))
     factor, mean = scene.factor * radius[:, None, None], scene.mean / precision
     factor = factor.transpose(0, 2, 1).reshape(-1, 4) / (unit * precision)[:, None]

@@ -22,6 +22,7 @@ import re
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -190,14 +191,15 @@ class Frame(NamedTuple):
     view_box: tuple[float, ...]
 
 
-def numbers(text: str, name: str, count: int = 0) -> list[float]:
+@lru_cache(maxsize=4096)  # most elements of a file share texts such as "0" and "1"
+def numbers(text: str, name: str, count: int = 0) -> tuple[float, ...]:
     """Return the numbers in a text. Blanks or commas must separate them.
 
     Raise InputError if the text has anything else, or if a number is not finite.
 
     count  how many numbers the text must have. 0 allows any count
     """
-    values = list(map(float, re.findall(NUMBER, text))) if _LIST.fullmatch(text) else [math.nan]
+    values = tuple(map(float, re.findall(NUMBER, text))) if _LIST.fullmatch(text) else (math.nan,)
     if not all(map(math.isfinite, values)) or (count and len(values) != count):
         needed = "a finite number" if count == 1 else f"{count or ''} finite numbers".strip()
         raise refusal(name, needed, quoted(text))

@@ -213,43 +213,33 @@ def nearest_blurs(scene: Scene) -> NDArray[np.intp]:
     then written as 1. The nearest one is that whose exponent is nearest to that of the shape.
     """
     full = np.array([blur.peak for blur in BLURS]) * scene.opacity[:, None]
-    return np.where(full <= 1.02, _distances(scene), np.inf).argmin(axis=1)
-
-
-def _distances(scene: Scene) -> Floats:
-    """Return how far the logarithms of the exponents are from those of all blurs (n, blurs)."""
-    return np.abs(portable.log(scene.beta[:, None] / [blur.beta for blur in BLURS]))
-
-
-def _becomes_blurred(scene: Scene) -> NDArray[np.bool_]:
-    """Return for each shape (n,) whether a file of the form "blur" draws it as a blurred disc.
-
-    That is so if the shape is already a blurred disc in the scene. It is also so for any other
-    shape, unless the shape is small, is drawn as a plain ellipse, or would differ too much from the
-    blurred disc (docs/decisions/svg.md).
-    """
-    large = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta) >= 1.8  # px
-    distance = _distances(scene)[np.arange(len(scene)), nearest_blurs(scene)]
-    # The opacity of the disc then differs by at most 0.08, as much as that of a gradient may.
-    is_near = scene.opacity * distance <= 0.25
-    return (scene.drawn == BLURRED) | (large & is_near & ~is_plain(scene))
+    distance = np.abs(portable.log(scene.beta[:, None] / [blur.beta for blur in BLURS]))
+    return np.where(full <= 1.02, distance, np.inf).argmin(axis=1)
 
 
 def as_written(scene: Scene, form: str) -> Scene:
     """Return the scene that an editable file of this form draws, except for rounded coordinates.
 
-    `drawn` says how the file draws each shape. A blurred disc gets the exponent of its blur. A
-    shape that has a gradient gets the nearest exponent of BETA_CLASSES. The sigmas of these shapes
-    change too, so that each keeps its contour at half height. Plain ellipses keep their exponents.
-    Colours are rounded to 8 bits. If a scene that this function returned is passed to it again, the
-    scene does not change. An additive scene is returned as it is, because its stops are computed
-    from the exact colours.
+    `drawn` says how the file draws each shape. In a file of the form "blur", a shape becomes a
+    blurred disc unless it is small, is drawn as a plain ellipse, or would differ too much from the
+    disc (docs/decisions/svg.md). A blurred disc gets the exponent of its blur. A shape that has a
+    gradient gets the nearest exponent of BETA_CLASSES. The sigmas of these shapes change too, so
+    that each keeps its contour at half height. Plain ellipses keep their exponents. Colours are
+    rounded to 8 bits. If a scene that this function returned is passed to it again, the scene does
+    not change. An additive scene is returned as it is, because its stops are computed from the
+    exact colours.
     """
     if scene.blend == ADD:
         return scene
-    blurred = np.full(len(scene), False) if form == GRADIENT else _becomes_blurred(scene)
-    shaded, beta = ~is_plain(scene) & ~blurred, scene.beta.copy()
-    beta[blurred] = np.array([blur.beta for blur in BLURS])[nearest_blurs(scene)[blurred]]
+    plain, beta, blurred = is_plain(scene), scene.beta.copy(), np.full(len(scene), False)
+    if form != GRADIENT:
+        nearest = np.array([blur.beta for blur in BLURS])[nearest_blurs(scene)]
+        large = scene.ellipse_axes[0][:, 1] * half_radius(beta) >= 1.8  # px
+        # The opacity of the disc then differs by at most 0.08, as much as that of a gradient may.
+        is_near = scene.opacity * np.abs(portable.log(beta / nearest)) <= 0.25
+        blurred = (scene.drawn == BLURRED) | (large & is_near & ~plain)
+        beta[blurred] = nearest[blurred]
+    shaded = ~plain & ~blurred
     beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]
     color = np.round(scene.color * 255) / 255
     written = with_falloffs(scene, beta).replace(color=color)

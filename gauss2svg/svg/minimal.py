@@ -65,22 +65,8 @@ from gauss2svg.errors import instance, quoted, refusal
 from gauss2svg.options import Field
 from gauss2svg.scene import ABOVE, ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Area, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, drawn_radius, nearest_class
-from gauss2svg.svg import DEFAULT_TITLE, STOP_COUNTS, Document, signed
-from gauss2svg.svg.element import (
-    Element,
-    Floats,
-    area_elements,
-    boxes_of,
-    check_shapes,
-    check_view,
-    clipped,
-    hex_color,
-    in_units,
-    number,
-    short_id,
-    unless,
-    with_own_ids,
-)
+from gauss2svg.svg import DEFAULT_TITLE, STOP_COUNTS, Document, element, signed
+from gauss2svg.svg.element import Element, Floats, hex_color, number, short_id, unless
 from gauss2svg.svg.forms import Ints, gradient_stops, grey_stops, is_plain, with_falloffs
 
 HEX_DIGITS = (3, 6)  # a colour may have either of these numbers of hex digits
@@ -146,32 +132,45 @@ def minimal_svg(
     document = instance(document, "document", Document)
     document.check_without_layers("minimal markup", "which has no layers", "--markup editable")
     drawn, numbers, factor, written_areas = rounded(scene, unit, digits, opacity_decimals)
-    width, height = (number(side / unit, 6) for side in (scene.width, scene.height))
-    named, cover, sides = _title_and_desc(document), [], np.array([float(width), float(height)])
+    canvas = np.array([scene.width, scene.height]) / unit
+    box = [number(side, 6) for side in canvas]
+    sides = np.array(box, float)
     # A shape is drawn after this number of areas.
     level = np.where(drawn.level == ABOVE, len(written_areas), drawn.level)
-    areas = area_elements(written_areas, opacity_decimals, True, set(level.tolist()))
+    areas = element.area_elements(written_areas, opacity_decimals, True, set(level.tolist()))
     a, b, d = factor.T
-    boxes = [areas.boxes, boxes_of(drawn.mean / unit, np.stack([a, portable.hypot(b, d)], axis=1))]
+    half, cover = np.stack([a, portable.hypot(b, d)], axis=1), list[Element]()
+    boxes = [areas.boxes, element.boxes_of(drawn.mean / unit, half)]
     if not scene.transparent:
         across, down = whole = np.ceil(sides)
         fill = _fill(color_levels(scene.background, digits))
         cover = [Element("path", fill=fill, d=f"M0 0h{across:.0f}v{down:.0f}H0")]
         boxes.append(np.array([[0, 0, *whole]]))
-    definitions, shapes = _drawing(
-        drawn, numbers, opacity_decimals, stops, masked, len(areas.definitions)
-    )
+    used = len(areas.definitions)
+    definitions, shapes = _drawing(drawn, numbers, opacity_decimals, stops, masked, used)
     definitions = areas.definitions + definitions
     # The number of areas below each element. It is larger by 0.5 for an area.
     below = [(level[i], one) for i, one in shapes]
     below += [(k + 0.5, path) for k, path in zip(areas.starts, areas.paths, strict=True)]
     inside = [one for _, one in sorted(below, key=lambda one: one[0])]
+    body = element.clipped([*cover, *inside], np.vstack(boxes), sides)
     defs = [Element("defs", definitions)] if definitions else []
-    root = {"xmlns": "http://www.w3.org/2000/svg", **_size_and_aspect(document, scene, unit)}
-    root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
-    body = clipped([*cover, *inside], np.vstack(boxes), sides)
+    # An alt without a title is the title, for the name of the picture.
+    title, alt = "" if document.title == DEFAULT_TITLE else document.title, document.alt or ""
+    texts = {"title": title or alt, "desc": alt if title else ""}
+    named = [Element(tag, escape(text)) for tag, text in texts.items() if text]
+    # If the root has no width and height, the picture has as many px as the view box has units, and
+    # resvg rounds these numbers.
+    is_exact = unit >= 1 and np.allclose(canvas, np.maximum(np.round(canvas), 1), 1e-9, 0)
+    size = document.sides(scene.width, scene.height)
+    if size is None and not is_exact and not document.is_responsive:
+        size = number(scene.width, 3), number(scene.height, 3)
+    width, height = size or (None, None)
+    root = {"xmlns": "http://www.w3.org/2000/svg", "width": width, "height": height}
+    root |= {"preserveAspectRatio": document.aspect, "role": "img" if named else None}
+    root["viewBox"] = f"0 0 {' '.join(box)}"
     svg = Element("svg", [*named, *defs, *body], **root).text()
-    svg = with_own_ids(svg) if areas.paths else svg
+    svg = element.with_own_ids(svg) if areas.paths else svg
     return svg if cover else signed(svg)  # the path `cover` is a mark too (file.is_own)
 
 
@@ -192,29 +191,6 @@ def whole_unit(width: int, height: int, about: float = 0) -> float:
     longer = max(width, height)
     fewest = longer // math.gcd(width, height)
     return longer / (fewest * max(1, round(about / fewest)))
-
-
-def _size_and_aspect(document: Document, scene: Scene, unit: float) -> dict[str, str | None]:
-    """Return the width, height and preserveAspectRatio of the root.
-
-    An attribute that need not be written has the value None.
-    """
-    sides = document.sides(scene.width, scene.height)
-    canvas = np.array([scene.width, scene.height]) / unit
-    # If the root has no width and height, the picture has as many px as the view box has units, and
-    # resvg rounds these numbers.
-    is_exact = unit >= 1 and np.allclose(canvas, np.maximum(np.round(canvas), 1), 1e-9, 0)
-    if sides is None and not is_exact and not document.is_responsive:
-        sides = number(scene.width, 3), number(scene.height, 3)
-    width, height = sides or (None, None)
-    return {"width": width, "height": height, "preserveAspectRatio": document.aspect}
-
-
-def _title_and_desc(document: Document) -> list[Element]:
-    """Return the title and the description. An alt without a title is the title, for its name."""
-    title, alt = "" if document.title == DEFAULT_TITLE else document.title, document.alt or ""
-    named = {"title": title or alt, "desc": alt if title else ""}
-    return [Element(tag, escape(text)) for tag, text in named.items() if text]
 
 
 def _drawing(
@@ -362,11 +338,10 @@ def rounded(
     if scene.blend == ADD:
         advice = "--portable, or --markup editable"
         raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)
-    check_view(scene, unit)
-    areas, scene = in_units(scene, scene.areas, unit, opacity_decimals)
+    areas, scene = element.in_units(scene, scene.areas, unit, opacity_decimals)
     soft = with_falloffs(scene, np.array(BETA_CLASSES)[nearest_class(scene.beta)])
     radius = drawn_radius(soft.beta, np.zeros(len(soft), bool))
-    check_shapes(soft, radius, unit)
+    element.check_scene(soft, radius, unit)
     a, b, d = soft.cholesky.T * radius
     numbers = np.round(np.column_stack([a, b, d, soft.mean]) / unit) + 0.0  # turns -0 into 0
     # After its numbers are rounded, a soft shape may look the same as a plain ellipse. It would

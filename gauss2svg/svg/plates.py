@@ -22,9 +22,11 @@ import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping
 from functools import cached_property
+from importlib.util import find_spec
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
+import lazy_loader
 import numpy as np
 
 from gauss2svg import portable
@@ -37,11 +39,13 @@ from gauss2svg.scene.inks import ink_colors, ink_name, inks_of_scene, oklab
 from gauss2svg.svg import MOST_TRAP
 from gauss2svg.svg.element import Floats
 from gauss2svg.svg.minimal import color_levels, colors_together, overlapping, projections
-from gauss2svg.svg.read_values import windings
+from gauss2svg.svg.paths import flat, windings
 
-if TYPE_CHECKING:  # not at run time, because only cut files need shapely
+if TYPE_CHECKING:
     from numpy.typing import NDArray
     from shapely.geometry.base import BaseGeometry
+
+shapely: Any = lazy_loader.load("shapely")  # only cut files need it, and it may not be installed
 
 # Two ellipses count as apart if the gap between them is at least this, in px. It is more than 0,
 # because edges are antialiased.
@@ -118,14 +122,11 @@ class CutMissingError(InputError, ImportError):
     """A cut file needs a package that is not installed."""
 
 
-def require_shapely() -> Any:
-    """Return the package shapely. Raise CutMissingError if it is not installed."""
-    try:
-        import shapely
-    except ImportError:
+def require_shapely() -> None:
+    """Raise CutMissingError if the package shapely is not installed."""
+    if find_spec("shapely") is None:
         needed = "given with shapely installed; got none"
-        raise CutMissingError(f'cut must be {needed}. Try pip install "gauss2svg[cut]"') from None
-    return shapely
+        raise CutMissingError(f'cut must be {needed}. Try pip install "gauss2svg[cut]"')
 
 
 class Regions:
@@ -140,7 +141,7 @@ class Regions:
 
         mm_per_px  size of a px of the canvas on paper
         """
-        shapely = require_shapely()
+        require_shapely()
         self.thin_parts = 0
         self._scene, self._px_per_mm = scene, 1 / mm_per_px
         self.colors = [ink_name(ink) for ink in inks_of_scene(scene)]
@@ -152,14 +153,10 @@ class Regions:
         if not scene.transparent:
             self._shapes.append((ink_name(scene.background), self._page))
         names = (ink_name(np.array(area.paint)) for area in scene.areas)
-        polygons = (_polygon(shapely, area, tolerance) for area in scene.areas)
+        polygons = (_polygon(area, tolerance) for area in scene.areas)
         self._shapes += zip(names, polygons, strict=True)
         ellipses = (shapely.Polygon(points) for points in _ellipses(scene, tolerance))
         self._shapes += zip(map(ink_name, scene.color), ellipses, strict=True)
-
-    @property
-    def _shapely(self) -> Any:  # not an attribute, because modules cannot be pickled
-        return require_shapely()
 
     def of(self, colors: Collection[str]) -> BaseGeometry:
         """Return the region of the page in which one of the colours "#rrggbb" is seen.
@@ -167,7 +164,7 @@ class Regions:
         Slivers belong to a colour beside them.
         """
         regions = [region for color, region in self._regions.items() if color in colors]
-        return self._polygons(self._shapely.union_all(regions, grid_size=_GRID))
+        return self._polygons(shapely.union_all(regions, grid_size=_GRID))
 
     @cached_property
     def _regions(self) -> dict[str, BaseGeometry]:
@@ -176,7 +173,7 @@ class Regions:
         The thinnest slivers go first, because what lies beside them may then be wide enough.
         """
         # What is thinner than this, 0.3 mm on paper, cannot be cut.
-        shapely, least = self._shapely, 0.3 * self._px_per_mm
+        least = 0.3 * self._px_per_mm
         seen = {color: self._seen(color) for color in self.colors}
         regions = dict(seen)
         for width, color in itertools.product((least / 3, least), self.colors):
@@ -207,25 +204,25 @@ class Regions:
         """Return the parts of a region that are thinner than a width in px, as polygons."""
         wide = region.buffer(-width / 2, join_style="mitre")
         wide = wide.buffer(width / 2 + 2 * _GRID, join_style="mitre")
-        rest = self._shapely.difference(region, wide, grid_size=_GRID)
-        parts = self._shapely.get_parts(self._polygons(rest))
+        rest = shapely.difference(region, wide, grid_size=_GRID)
+        parts = shapely.get_parts(self._polygons(rest))
         # The tips of corners are thin too, and stay.
-        is_beside = self._shapely.distance(parts, wide) <= 2 * _GRID
-        return parts[~is_beside | (self._shapely.area(parts) >= width**2)]
+        is_beside = shapely.distance(parts, wide) <= 2 * _GRID
+        return parts[~is_beside | (shapely.area(parts) >= width**2)]
 
     def _seen(self, color: str) -> BaseGeometry:
         """Return the region in which a colour is seen."""
-        region = self._shapely.Polygon()
+        region = shapely.Polygon()
         for is_inside, run in groupby(self._shapes, key=lambda one: one[0] == color):
-            together = self._shapely.union_all([polygon for _, polygon in run])
+            together = shapely.union_all([polygon for _, polygon in run])
             region = region.union(together) if is_inside else region.difference(together)
-        region = self._shapely.intersection(region, self._page, grid_size=_GRID)
+        region = shapely.intersection(region, self._page, grid_size=_GRID)
         return self._polygons(region)
 
     def _polygons(self, region: BaseGeometry) -> BaseGeometry:
         """Return the polygons of a region, without its lines and points."""
-        parts = self._shapely.get_parts(region)
-        return self._shapely.MultiPolygon([one for one in parts if one.geom_type == "Polygon"])
+        parts = shapely.get_parts(region)
+        return shapely.MultiPolygon([one for one in parts if one.geom_type == "Polygon"])
 
     def plate(self, tones: Mapping[str, float], trap: float = 0.0) -> Scene:
         """Return the plate of an ink: one area for each of its strengths, and no background.
@@ -261,12 +258,12 @@ class Regions:
 
     def _area(self, region: BaseGeometry, color: Any) -> list[Area]:
         """Return a region as an area, or no area if it is empty."""
-        paths, polygon = [], self._shapely.Polygon
-        for part in self._shapely.get_parts(region):
+        paths = []
+        for part in shapely.get_parts(region):
             for ring in (part.exterior, *part.interiors):
                 # What is smaller is left by rounding between edges that meet. shapely has holes run
                 # the other way, so they are holes by either fill rule.
-                if min(part.area, polygon(ring).area) > 1e-3:
+                if min(part.area, shapely.Polygon(ring).area) > 1e-3:
                     points = tuple(ring.coords[:-1])
                     paths.append(Outline(points, (False,) * len(points)))
         return [Area(tuple(paths), color)] if paths else []
@@ -298,11 +295,11 @@ def _lines(radius: float, angle: float, tolerance: float) -> int:
     return math.ceil(angle / min(step, math.pi / 4) - 1e-9)
 
 
-def _polygon(shapely: Any, area: Area, tolerance: float) -> BaseGeometry:
+def _polygon(area: Area, tolerance: float) -> BaseGeometry:
     """Return the region that an area fills, or the one that its strokes cover."""
-    points = [_flat(outline, tolerance) for outline in area.outlines]
+    points = [flat(outline, tolerance) for outline in area.outlines]
     if not area.is_line:
-        return _filled(shapely, points)
+        return _filled(points)
     half = 0.5 * area.width
     style = {
         "cap_style": {"butt": "flat"}.get(area.cap, area.cap),
@@ -317,24 +314,7 @@ def _polygon(shapely: Any, area: Area, tolerance: float) -> BaseGeometry:
     return shapely.union_all(strokes)
 
 
-def _flat(outline: Outline, tolerance: float) -> Floats:
-    """Return the points (n, 2) of an outline as lines. Those of a closed one end at the start."""
-    pieces = [outline.segments[:1, 0]]
-    for (a, b, c, d), is_curve in zip(outline.segments, outline.curved, strict=True):
-        if not is_curve:
-            pieces.append(d[None])
-            continue
-        # The second derivative of a cubic curve is at most 6 times this. Lines of a share of 1 / n
-        # are then off by at most an eighth of it, divided by n squared.
-        bend = max(portable.hypot(*(a - 2 * b + c)), portable.hypot(*(b - 2 * c + d)))
-        count = max(1, math.ceil(math.sqrt(0.75 * float(bend) / tolerance)))
-        t = np.arange(1, count + 1)[:, None] / count
-        s = 1 - t
-        pieces.append(s**3 * a + 3 * s**2 * t * b + 3 * s * t**2 * c + t**3 * d)
-    return np.concatenate(pieces)
-
-
-def _filled(shapely: Any, rings: list[Floats]) -> BaseGeometry:
+def _filled(rings: list[Floats]) -> BaseGeometry:
     """Return the region around which rings run more often one way than the other ("nonzero")."""
     rings = [ring for ring in rings if len(ring) > 3]
     if len(rings) == 1 and (polygon := shapely.Polygon(rings[0])).is_valid:

@@ -38,22 +38,12 @@ from numpy.typing import ArrayLike
 
 from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
-from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, SOFT, Area
-from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius, cut_radius
-from gauss2svg.svg import CANVAS, CURRENT_COLOR, read_values
-from gauss2svg.svg.file import (
-    INKSCAPE,
-    MOST_BYTES,
-    NUMBER,
-    SVG,
-    Scene,
-    frame_of,
-    from_root,
-    numbers,
-    parse,
-    read_source,
-)
-from gauss2svg.svg.read_values import Affine, Fill, color_of, compose, share_of, styled, target_of
+from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, Area
+from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
+from gauss2svg.svg import CANVAS, CURRENT_COLOR, file, paints
+from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, NUMBER, SVG, Scene, numbers
+from gauss2svg.svg.paints import Fill, Gradient, color_of, reference_of, share_of, styled
+from gauss2svg.svg.paths import Affine, data_of, ellipses_of, length, nonzero, outlines_of
 
 # The default limit on the number of elements in a file. The tree of a file with this many elements
 # takes about 3 GB of memory.
@@ -61,9 +51,13 @@ MOST_ELEMENTS = 4_000_000
 _DEEPEST = 100  # largest depth of nested groups
 _GROUPS = {"svg", "g", "use"}
 _SHAPES = {"path", "rect", "polygon", "polyline", "line", "circle", "ellipse"}
-_GRADIENTS = "radialGradient", "linearGradient"
+# Attributes of fills and strokes that elements inherit.
+_INHERITED = {"fill", "fill-opacity", "fill-rule", "paint-order", "stroke", "stroke-width"}
+_INHERITED |= {"stroke-opacity", "stroke-linecap", "stroke-linejoin", "stroke-miterlimit"}
+_INHERITED |= {"stroke-dasharray"}
 # Elements that draw nothing themselves.
-_SILENT = {"title", "desc", "metadata", "defs", *_GRADIENTS, "filter", "mask", "style", "clipPath"}
+_SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "linearGradient"}
+_SILENT |= {"filter", "mask", "style", "clipPath"}
 # Attributes and properties that change how a shape looks. An element with one of them is refused,
 # unless its value is none, normal, inherit or visible.
 _EFFECTS = {"vector-effect", "filter", "mask", "mix-blend-mode", "visibility", "animation"}
@@ -105,11 +99,11 @@ def read_svg(
     element. Such things are additive files, texts, images, masks, filters, dashes, style sheets,
     clips to a part of the canvas, and a group with an opacity (docs/reference/svg.md).
     """
-    text = from_root(read_source(source, max_bytes, "source", "max_bytes")[1])
+    text = file.from_root(file.read_source(source, max_bytes, "source", "max_bytes")[1])
     if text.count("<") - text.count("</") > max_elements:
         needed = f"of at most {max_elements} elements"
         raise refusal("the SVG", needed, "more", "a larger max_elements if you trust it")
-    return _Reader(parse(_in_own_color(text)), background, skip_hidden).scene()
+    return _Reader(file.parse(_in_own_color(text)), background, skip_hidden).scene()
 
 
 def _in_own_color(text: str) -> str:
@@ -124,7 +118,7 @@ class _State(NamedTuple):
     """The state that an element inherits from its ancestors.
 
     onto    map from the user space of the element to px
-    style   attributes of INHERITED
+    style   attributes of _INHERITED
     in_svg  whether the parent is an <svg>: the root, or the inner one that clips the picture
     """
 
@@ -135,16 +129,19 @@ class _State(NamedTuple):
     depth: int = 0
     in_svg: bool = False
 
+    @property
+    def has_stroke(self) -> bool:
+        """Whether the element has a stroke."""
+        return self.style["stroke"].lower() != "none"
+
+    def share(self, name: str) -> float:
+        """Return fill-opacity or stroke-opacity."""
+        return share_of(self.style.get(name, "1"), name)
+
 
 class _Shape(NamedTuple):
-    """A shape.
+    """A shape. `disc` maps the unit circle onto the edge of its fill, in px."""
 
-    outline  map of the unit circle onto the outline, in px
-    disc     map of the unit circle onto the edge of the fill, in px
-    """
-
-    element: Any
-    outline: Affine
     disc: Affine
     fill: Fill
     opacity: float
@@ -160,8 +157,8 @@ class _Reader:
         self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
         # The opacities of the stops in the style sheet. The keys are ids of gradients.
         self._opacities = defaultdict[str, list[str]](list)
-        self._gradient = cache(self._read_gradient)
-        self._arcs = read_values.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
+        self._gradient = cache(lambda key: Gradient.of(self._by_id, key, self._opacities))
+        self._falloff = cache(lambda key, in_mask: self._gradient(key).fill(in_mask))
         self._areas: list[Area] = []
         self._shapes: list[_Shape] = []
         self._background = None if background is None else np.asarray(background, np.float64)
@@ -218,15 +215,15 @@ class _Reader:
                 advice = "to show it, to delete it, or read_svg(.., skip_hidden=True)"
                 raise refusal("shapes", "visible", "a hidden one", advice)
             if tag not in _GROUPS:
-                self._add(element, tag, attributes, state)
+                self._add(tag, attributes, state)
                 # A shape cannot have children that are shapes. Because of this depth, `_visit`
                 # refuses each child that would draw something.
                 state = state._replace(depth=_DEEPEST)
             children = list(element)
             if tag == "use":
                 x, y = (numbers(attributes.get(name, "0"), name, 1)[0] for name in ("x", "y"))
-                state = state._replace(onto=compose(state.onto, (1.0, 0.0, 0.0, 1.0, x, y)))
-                children = [target_of(self._by_id, read_values.link_of(element), "circle", "use")]
+                state = state._replace(onto=state.onto @ Affine(e=x, f=y))
+                children = [paints.target_of(self._by_id, paints.link_of(element), "circle", "use")]
             elif tag in ("svg", "g"):
                 # An inner <svg> clips the picture. It covers the view box with these values.
                 inner = {"x": "0", "y": "0", "width": "100%", "height": "100%", "viewBox": "none"}
@@ -244,38 +241,41 @@ class _Reader:
         for child in children:
             self._visit(child, state)
 
-    def _add(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
-        """Add the shape of an element. A path of minimal markup may have several shapes."""
-        own_fill, has_stroke = state.style["fill"], state.style["stroke"].lower() != "none"
-        alpha = state.opacity * share_of(state.style.get("fill-opacity", "1"), "fill-opacity")
+    def _add(self, tag: str, attributes: Mapping[str, str], state: _State) -> None:
+        """Add what an element draws: the background, an area, or shapes.
+
+        A path of minimal markup may have several shapes.
+        """
+        alpha, fill = state.opacity * state.share("fill-opacity"), state.style["fill"]
         data = attributes.get("d", "") if tag == "path" else ""
+        key = reference_of(fill)
         # The path that is the background in minimal markup
         cover = re.fullmatch(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0", data)
         if cover or tag == "rect":
-            return self._cover({**attributes, **(cover.groupdict() if cover else {})}, state, alpha)
-        edges = list[Affine]()
-        if not (has_stroke or self._has_ramp(own_fill)):
-            edges = self._arcs.get(data) or read_values.edges_of(tag, attributes)
-        if not edges:
-            return self._add_area(read_values.data_of(tag, attributes), attributes, state)
+            sides = self._sides({**attributes, **cover.groupdict()} if cover else attributes)
+            is_lowest = not (self._shapes or self._areas or state.has_stroke)
+            is_plain = key is None and fill != "none" and not {"rx", "ry"} & attributes.keys()
+            if is_lowest and is_plain and alpha == 1 and self._covers(sides, state.onto):
+                self._background = np.array(color_of(fill, "fill"))
+                return
+            texts = {name: str(side) for name, side in sides.items()}
+            tag, attributes = "rect", {**attributes, **texts}
+        is_area = tag == "rect" or state.has_stroke
+        is_area = is_area or (key is not None and not self._gradient(key).is_falloff)
+        ellipses = [] if is_area else ellipses_of(tag, attributes)
+        if not ellipses:
+            self._add_area(data_of(tag, attributes), attributes, state)
         number = max(self._shapes[-1].round if self._shapes else 0, state.round)
-        for edge in edges:
-            fill = self._fill_of(own_fill, attributes, edge)
-            if len(edges) > 1 and (alpha < 1 or fill.drawn != PLAIN):
+        for edge in ellipses:
+            own = self._fill_of(fill, attributes, edge)
+            if len(ellipses) > 1 and (alpha < 1 or own.drawn != PLAIN):
                 raise refusal("ellipses of one path", "opaque and of one colour", "another fill")
-            outline, disc = compose(state.onto, edge), compose(state.onto, fill.disc or edge)
-            opacity, level = min(1.0, alpha * fill.peak), len(self._areas)
-            self._shapes.append(_Shape(element, outline, disc, fill, opacity, number, level))
-        return None
-
-    def _has_ramp(self, fill: str) -> bool:
-        """Return whether a fill is a gradient of opaque colours, and not the falloff of a shape."""
-        if (key := read_values.reference_of(fill)) is None:
-            return False
-        first, owner, _ = self._chain(key, *_GRADIENTS)
-        clear = (styled(stop).get("stop-opacity", "1") != "1" for stop in owner)
-        is_falloff = read_values.link_of(owner) in self._opacities or any(clear)
-        return first.tag == SVG + "linearGradient" or (len(owner) > 1 and not is_falloff)
+            outline, disc = state.onto @ edge, state.onto @ (own.disc or edge)
+            if not _shows_all(outline, disc):
+                needed = "an ellipse with an extent that shows all of its gradient"
+                raise refusal("it", needed, "another", "to undo what changed it, or to delete it")
+            opacity = min(1.0, alpha * own.peak)
+            self._shapes.append(_Shape(disc, own, opacity, number, len(self._areas)))
 
     def _add_area(self, data: str, attributes: Mapping[str, str], state: _State) -> None:
         """Add the fill of a path as an area, and its stroke as a line."""
@@ -283,79 +283,45 @@ class _Reader:
         for name in ("filter", "mask"):
             if (value := attributes.get(name, "none")) != "none":
                 raise refusal(f"its {name}", "none", quoted(value), "to remove it")
-        fill, stroke = ((style[n], style.get(f"{n}-opacity", "1")) for n in ("fill", "stroke"))
-        looks = [look for look in (fill, stroke) if look[0].lower() != "none"]
+        looks = [name for name in ("fill", "stroke") if style[name].lower() != "none"]
         if len(looks) > 1 and opacity < 1:
             needed, advice = "1 with both a fill and a stroke", "to remove one of these"
             raise refusal("its opacity", needed, f"{opacity:g}", advice)
         if re.match("(?!.*fill.*stroke).*stroke", style.get("paint-order", "normal")):
             looks.reverse()  # the stroke is below the fill
         for look in looks:
-            is_line, width, cap = look is stroke, 0.0, "butt"
-            outlines = read_values.outlines_of(data, state.onto, not is_line)
-            if is_line:
-                width, cap = read_values.stroke_of(style, outlines, state.onto, self._onto)
+            width, cap = 0.0, "butt"
+            own = outlines_of(data, look == "fill")
+            if look == "fill" and style.get("fill-rule", "nonzero") == "evenodd":
+                own = nonzero(own)
+            outlines = tuple(map(state.onto.of, own))
+            if look == "stroke":
+                width, cap = paints.stroke_of(style, outlines, state.onto, self._onto)
             elif len(looks) > 1 and max(len(outline.points) for outline in outlines) < 3:
                 continue  # straight lines have no inside, but the fill that is the default
-            elif style.get("fill-rule", "nonzero") == "evenodd":
-                outlines = read_values.nonzero(outlines)
-            if (key := read_values.reference_of(look[0])) is None:
-                paint = color_of(look[0], "stroke" if is_line else "fill")
+            if (key := reference_of(style[look])) is None:
+                paint = color_of(style[look], look)
             else:
-                first, owner, values = self._chain(key, *_GRADIENTS)
-                tag = first.tag.removeprefix(SVG)
-                paint = read_values.gradient_of(tag, values, owner, data, state.onto)
-            alpha = opacity * share_of(look[1], "opacity")
+                paint = self._gradient(key).paint(own, state.onto)
+            alpha = opacity * state.share(f"{look}-opacity")
             self._areas.append(Area(outlines, paint, alpha, width, cap))
 
     def _fill_of(self, fill: str, attributes: Mapping[str, str], edge: Affine) -> Fill:
         """Return the fill of a shape. Raise InputError if write_svg does not write such a fill."""
         texts = fill, attributes.get("filter", ""), attributes.get("mask", "")
-        gradient_id, blur_id, mask_id = map(read_values.reference_of, texts)
-        if gradient_id is not None and blur_id is None and mask_id is None:
-            return self._gradient(gradient_id, False)
+        key, blur_id, mask_id = map(reference_of, texts)
+        if key is not None and blur_id is None and mask_id is None:
+            return self._falloff(key, False)
         color = color_of(fill, "fill")
         if mask_id is not None:
-            inside = read_values.gradient_id(target_of(self._by_id, mask_id, "mask"), edge)
-            return self._gradient(inside, True)._replace(color=color)
+            inside = paints.gradient_id(paints.target_of(self._by_id, mask_id, "mask"), edge)
+            return self._falloff(inside, True)._replace(color=color)
         if blur_id is None:
             return Fill(color)
-        blur = read_values.blur_of(target_of(self._by_id, blur_id, "filter"), edge)
+        blur = paints.blur_of(paints.target_of(self._by_id, blur_id, "filter"), edge)
         # write_svg multiplies the opacity of a shape by blur.peak to get the fill-opacity of its
         # blurred disc. 1 / blur.peak undoes this.
         return Fill(color, BLURRED, 1 / blur.peak, blur.beta, blur.radius)
-
-    def _chain(self, key: str, *tags: str) -> tuple[Any, Any, dict[str, str]]:
-        """Return the gradient with an id, the gradient that has its stops, and its attributes.
-
-        The attributes include those of the gradients to which it refers.
-        """
-        chain, name = list[Any](), key
-        while name and len(chain) < 9:  # Inkscape writes two
-            chain.append(target_of(self._by_id, name, *tags))
-            name = read_values.link_of(chain[-1])
-        values = {name: value for e in reversed(chain) for name, value in e.attrib.items()}
-        return chain[0], next((e for e in chain if len(e)), chain[-1]), values
-
-    def _read_gradient(self, key: str, in_mask: bool) -> Fill:
-        _, owner, values = self._chain(key, "radialGradient")
-        sheet = self._opacities[read_values.link_of(owner)]
-        color, beta = read_values.stops_of(owner, sheet, in_mask)
-        return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), read_values.disc_of(values))
-
-    def _cover(self, attributes: Mapping[str, str], state: _State, alpha: float) -> None:
-        """Store the fill of a rectangle as the background, or add the rectangle as an area.
-
-        The background is opaque and of one colour, lies below all shapes, and covers the canvas.
-        """
-        sides = {**attributes, **{n: str(v) for n, v in self._sides(attributes).items()}}
-        fill, has_stroke = state.style["fill"], state.style["stroke"].lower() != "none"
-        is_lowest = not (self._shapes or self._areas or has_stroke)
-        is_plain = fill != "none" and read_values.reference_of(fill) is None
-        if is_lowest and is_plain and alpha == 1 and self._covers(sides, state.onto):
-            self._background = np.array(color_of(fill, "fill"))
-        else:
-            self._add_area(read_values.data_of("rect", sides), sides, state)
 
     def _sides(self, attributes: Mapping[str, str]) -> dict[str, float]:
         """Return x, y, width and height of a rectangle, in user units."""
@@ -366,52 +332,37 @@ class _Reader:
             sides[name] = side * whole / 100 if text.endswith("%") else side
         return sides
 
-    def _covers(self, sides: Mapping[str, str], onto: Affine) -> bool:
+    def _covers(self, sides: Mapping[str, float], onto: Affine) -> bool:
         """Return whether a rectangle covers the canvas.
 
         Minimal markup rounds the sides of the canvas. So the rectangle may leave a strip uncovered
         at each side of the canvas. The strip may be 0.01 px or 0.05 user units wide, whichever is
         more.
         """
-        x, y, across, down = self._sides(sides).values()
-        a, b, c, d, left, top = compose(onto, (across, 0.0, 0.0, down, x, y))
+        x, y, across, down = sides.values()
+        a, b, c, d, left, top = onto @ Affine(across, 0.0, 0.0, down, x, y)
         width, height = self._size
         missed = max(left, top, width - left - a, height - top - d)
-        # The strip that may stay uncovered at a side has at most this width, in px.
-        most = max(0.01, 0.05 * abs(onto[0]), 0.05 * abs(onto[3]))
-        return missed <= most and not (b or c or {"rx", "ry"} & sides.keys())
+        return missed <= max(0.01, 0.05 * abs(onto.a), 0.05 * abs(onto.d)) and not (b or c)
 
     def _is_page(self, clip: str, onto: Affine) -> bool:
         """Return whether a clip-path shows the whole canvas, as in files of Figma."""
-        owner = self._by_id.get(read_values.reference_of(clip) or "")
+        owner = self._by_id.get(reference_of(clip) or "")
         if owner is None or owner.tag != SVG + "clipPath" or len(owner) != 1:
             return False
         own = owner[0].attrib
         is_plain = owner[0].tag == SVG + "rect" and "clipPathUnits" not in owner.attrib
         is_plain &= own.keys() <= {"x", "y", "width", "height", "fill", "transform", "id"}
-        onto = compose(onto, read_values.transform_of(own.get("transform", "")))
-        return is_plain and self._covers(own, onto)
+        onto @= Affine.of_text(own.get("transform", ""))
+        return is_plain and self._covers(self._sides(own), onto)
 
     def scene(self) -> Scene:
         """Return the scene of all shapes. Raise InputError if a scene cannot hold one of them."""
-        shapes = self._shapes
-        maps = np.array([(shape.outline, shape.disc) for shape in shapes]).reshape(-1, 2, 3, 2)
-        edge, disc = maps.transpose(1, 0, 3, 2)
-        rows = disc[:, :, :2]  # the linear parts (n, 2, 2) of the maps
-        with np.errstate(all="ignore"):
-            extent = portable.hypot(rows[:, :, 0], rows[:, :, 1])
-            unit = rows / extent[:, :, None]
-            rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
-            good = np.isfinite(rho)
-            for linear in (edge[:, :, :2], rows):
-                good &= read_values.determinants(linear) != 0
-            good &= read_values.beyond_px(edge, disc) <= 0.05  # because editors round numbers
-        if not good.all():
-            with _naming(shapes[int(good.argmin())].element):
-                needed = "an ellipse with an extent that shows all of its gradient"
-                raise refusal("it", needed, "another", "to undo what changed it, or to delete it")
+        shapes, areas = self._shapes, tuple(self._areas)
+        a, b, c, d, x, y = np.array([shape.disc for shape in shapes]).reshape(-1, 6).T
+        sx, sy = portable.hypot(a, c), portable.hypot(b, d)
+        rho = np.clip(a / sx * (b / sy) + c / sx * (d / sy), -RHO_LIMIT, RHO_LIMIT)
         level = np.array([shape.level for shape in shapes], np.int32)
-        level[level == len(self._areas)] = ABOVE
         fills = np.array([(shape.fill.beta, shape.fill.radius) for shape in shapes])
         beta, radius = fills.reshape(-1, 2).T
         plain = beta == 0
@@ -420,8 +371,8 @@ class _Reader:
         try:
             return Scene(
                 *self._size,
-                mean=disc[:, :, 2],
-                sigma=extent / radius[:, None],
+                mean=np.stack([x, y], axis=1),
+                sigma=np.stack([sx, sy], axis=1) / radius[:, None],
                 rho=rho,
                 color=np.array([shape.fill.color for shape in shapes]).reshape(-1, 3),
                 opacity=np.array([shape.opacity for shape in shapes]),
@@ -430,11 +381,26 @@ class _Reader:
                 beta=beta,
                 drawn=np.array([shape.fill.drawn for shape in shapes], np.int8),
                 transparent=self._background is None,
-                areas=tuple(self._areas),
-                level=level,
+                areas=areas,
+                level=np.where(level == len(areas), ABOVE, level),
             )
         except SceneError as error:
             raise InputError(f"the SVG must be one of write_svg; {error}") from error
+
+
+def _shows_all(outline: Affine, disc: Affine) -> bool:
+    """Return whether an ellipse that has an extent shows all of its gradient.
+
+    outline, disc  maps of the unit circle onto the ellipse, and onto the edge of the gradient
+
+    The gradient may reach beyond the ellipse by 0.05 px, because editors round numbers.
+    """
+    a, b, c, d, x, y = outline
+    size, area = outline.reach, abs(outline.determinant)
+    # The adjugate matrix maps the ellipse onto a circle of the radius `area`.
+    inner = Affine(d, -b, -c, a) @ disc._replace(e=disc.e - x, f=disc.f - y)
+    beyond = inner.reach + length(complex(inner.e, inner.f)) - area
+    return disc.determinant != 0 < area and beyond <= 0.05 * size
 
 
 def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ...], Affine]:
@@ -443,7 +409,7 @@ def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ..
     The viewBox fills the canvas. The attribute data-canvas of the root states the size of the
     canvas in px. If the root does not have this attribute, the canvas has the size of the root.
     """
-    frame = frame_of(root)
+    frame = file.frame_of(root)
     width, height = numbers(root[CANVAS], CANVAS, 2) if CANVAS in root else frame[:2]
     x, y, across, down = frame.view_box
     scale_x, scale_y = width / across, height / down
@@ -453,7 +419,8 @@ def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ..
         needed = f"of the proportions of the viewBox, {across:g}x{down:g}"
         advice = f"to write its size in px into {CANVAS}, or to remove that"
         raise refusal("the canvas", needed, f"{width:g}x{height:g} px", advice)
-    return (width, height), (across, down), (scale_x, 0.0, 0.0, scale_y, -scale_x * x, -scale_y * y)
+    onto = Affine(scale_x, 0.0, 0.0, scale_y, -scale_x * x, -scale_y * y)
+    return (width, height), (across, down), onto
 
 
 def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
@@ -465,10 +432,10 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     changes: dict[str, Any] = {}
     off = {"none", "normal", "inherit", "visible"}
     for name, value in attributes.items():
-        if name in read_values.INHERITED and value != "inherit":
+        if name in _INHERITED and value != "inherit":
             changes["style"] = {**changes.get("style", parent.style), name: value}
         elif name == "transform":
-            changes["onto"] = compose(parent.onto, read_values.transform_of(value))
+            changes["onto"] = parent.onto @ Affine.of_text(value)
         elif name == "opacity":
             changes["opacity"] = parent.opacity * share_of(value, "opacity")
             if tag in ("svg", "g") and changes["opacity"] < 1:

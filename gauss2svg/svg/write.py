@@ -1,12 +1,8 @@
-"""Write SVG files: write_svg, outline_svg and plate_svg. Only this module imports svgwrite.
+"""Write SVG files: write_svg, outline_svg and plate_svg.
 
-svgwrite writes the root of an editable file, with its size, namespaces, title and description. It
-does not write the shapes, because its elements take five times as long as those of
-gauss2svg.svg.element (docs/decisions/svg.md). It writes nothing of minimal files.
-
-gauss2svg.svg.encode makes the elements of an editable file. Other elements could draw the same
-picture, but each of them is drawn wrongly by at least one renderer (docs/decisions/svg.md).
-gauss2svg.svg.additive makes the elements of an additive file, which draws by differences.
+gauss2svg.svg.encode makes editable files. Other elements could draw the same picture, but each of
+them is drawn wrongly by at least one renderer (docs/decisions/svg.md). gauss2svg.svg.additive makes
+additive files, which draw by differences, and gauss2svg.svg.minimal those of minimal markup.
 
 The root of these files has role="img". Because of this role, Chromium tells screen readers the
 title as the name of the picture, and the desc as its description. It does so both for an SVG in a
@@ -22,12 +18,11 @@ from html import escape
 
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg import CANVAS, CURRENT_COLOR, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
-from gauss2svg.svg.element import Element, attributes_text, hex_color, number, with_own_ids
-from gauss2svg.svg.encode import Drawing, encode, encode_outlines, sides_of
+from gauss2svg.svg import CURRENT_COLOR, INKS, MINIMAL, ROUNDS, Document, SvgFormat
+from gauss2svg.svg.element import Element, attributes_text, hex_color, number
+from gauss2svg.svg.encode import editable_svg, outlines_svg
 from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.svg.minimal import HEX_DIGITS, minimal_svg
-from gauss2svg.version import __version__
 
 _PORTABLE = "the alpha-composited form (--portable)"
 
@@ -96,11 +91,11 @@ def ordered_svg(
             opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops, masked=masked,
         )  # fmt: skip
     if not is_additive:
-        return text_of(encode(scene, svg_format, document), scene, document)
+        return editable_svg(scene, svg_format, document)
     document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
-    from gauss2svg.svg.additive import encode_additive  # imported here because few files need it
+    from gauss2svg.svg.additive import additive_svg  # imported here because few files need it
 
-    return text_of(encode_additive(scene, svg_format), scene, document)
+    return additive_svg(scene, svg_format, document)
 
 
 def _in_current_color(svg: str, scene: Scene) -> str:
@@ -204,47 +199,4 @@ def outline_svg(scene: Scene, document: Document | None = None, stroke_width: fl
     if scene.blend == ADD:
         got = "'add', whose colours are differences and show nothing by themselves"
         raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
-    return text_of(encode_outlines(scene, document, stroke_width), scene, document)
-
-
-def text_of(drawing: Drawing, scene: Scene, document: Document) -> str:
-    """Return the text of a file.
-
-    Its root has a size, a title and a description, and contains the elements of the drawing.
-    """
-    # Imported here because it is slow to import and minimal files do not need it.
-    from svgwrite.container import SVG
-    from svgwrite.extensions.inkscape import INKSCAPE_NAMESPACE
-
-    inside = [Element("defs", drawing.definitions)] if drawing.definitions else []
-    if drawing.sheet:
-        inside.append(Element("style", f"<![CDATA[{drawing.sheet}]]>", type="text/css"))
-    texts = [element.text() for element in (*inside, *drawing.body)]
-
-    canvas = sides_of(scene)
-    document = dataclasses.replace(document, size=drawing.size or document.size)
-    sides = document.sides(scene.width, scene.height)
-    view = f"0 0 {drawing.view[0]} {drawing.view[1]}"
-    # The checks of svgwrite are off. With debug=True, writing would take three times as long, and
-    # the checks do not find NaN.
-    root = SVG(size=sides or canvas, viewBox=view, debug=False)
-    root["xmlns"] = "http://www.w3.org/2000/svg"
-    if any("inkscape:" in text for text in texts):
-        root["xmlns:inkscape"] = INKSCAPE_NAMESPACE
-    if document.aspect:
-        root["preserveAspectRatio"] = document.aspect
-    if document.is_responsive:
-        del root.attribs["width"], root.attribs["height"]
-    if sides or document.is_responsive:
-        root[CANVAS] = " ".join(canvas)
-    root.update({"role": "img", **drawing.root})
-    gaussians = f"{drawing.gaussians} Gaussians"
-    counts = [drawing.areas] * bool(drawing.areas)
-    counts += [gaussians] * (drawing.gaussians > 0 or not drawing.areas)
-    usual = f"{' and '.join(counts)}, fitted and written by gauss2svg {__version__}"
-    root.set_desc(title=document.title, desc=document.alt or usual)
-    head, _, end = root.tostring().partition("<defs />")
-    if document.alt:  # then the description does not say by which program the file was written
-        head = signed(head)
-    svg = "".join(['<?xml version="1.0" encoding="utf-8"?>\n', head, *texts, end, "\n"])
-    return with_own_ids(svg) if drawing.areas else svg
+    return outlines_svg(scene, document, stroke_width)

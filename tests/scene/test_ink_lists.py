@@ -27,6 +27,10 @@ def test_palette_files_are_read_as_gimp_and_inkscape_do(end, tmp_path):
     path = tmp_path / "inks.gpl"
     path.write_bytes(end.join(lines).encode())
     assert check_inks("inks", path) == check_inks("inks", str(path)) == GIVEN
+    for other in ("JASC-PAL", "GIMP Palette", "GIMP Palette\n0 0 256"):
+        path.write_text(other + end)
+        with pytest.raises(InputError, match=r"inks must be (a palette of|1 to 64 different)"):
+            check_inks("inks", path)
 
 
 @pytest.mark.parametrize(
@@ -43,16 +47,6 @@ def test_other_inks_are_refused_in_one_line(inks, why):
     with pytest.raises(InputError, match=why) as refusal:
         FitOptions(inks=inks)
     assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["JASC-PAL\n", "", "GIMP Palette\n", "GIMP Palette\n0 0 256\n", "GIMP Palette\nblack\n"],
-)
-def test_other_palette_files_are_refused(text, tmp_path):
-    (tmp_path / "bad.gpl").write_text(text)
-    with pytest.raises(InputError, match=r"inks must be (a palette of GIMP|1 to 64 different)"):
-        check_inks("inks", tmp_path / "bad.gpl")
 
 
 def test_paper_is_white_unless_it_is_given_or_an_ink_is_near_white():
@@ -76,17 +70,6 @@ def test_colours_of_overprints_are_products_of_paper_and_inks(paper, tones):
         np.testing.assert_allclose(ink_colors(color)[0], product, atol=0.51 / 255)
     # Black hides what it is mixed with, which is then not printed.
     assert printed_colors("#000000,#ff48b0", paper, 1)["#000000"] == (1, 0)
-
-
-def test_flat_colours_of_a_drawing_are_its_inks():
-    flat = ["#ffcc33", "#3b2a10", "#ffffff", "#c0322c"]
-    levels = ink_colors(",".join(flat))
-    entry = np.zeros((60, 80), int)
-    entry[:40, 20:], entry[45:, :50], entry[50:54, 60:64] = 1, 2, 3  # a small red dot
-    pixels = levels[entry].astype(np.float32)
-    edges = pixels.copy()
-    edges[1:-1] = (pixels[:-2] + 2 * pixels[1:-1] + pixels[2:]) / 4  # antialiased
-    assert sorted(inks_of(edges, 4).split(",")) == sorted(flat)
 
 
 @pytest.mark.parametrize("count", [2, 5, 9])

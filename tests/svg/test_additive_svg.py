@@ -87,16 +87,6 @@ def test_every_renderer_but_cairo_draws_a_sum(renderer):
         assert psnr(rasterize(write_svg(scene, EXACT), 60, 44, renderer), render(scene)) > 36
 
 
-def test_what_cancels_is_drawn_in_turns():
-    color = np.where(np.arange(100) % 2, 0.5, -0.5)[:, None] * np.ones(3)
-    scene = scene_with(
-        9, 100, mean=np.full((100, 2), 20.0), sigma=np.full((100, 2), 5.0), rho=np.zeros(100),
-        color=color, background=np.full(3, 0.5), round_index=None,
-    )  # fmt: skip
-    _, low, high = phases_of(scene)
-    assert (high - low < 1.2).all()  # half of the count if all that adds came first
-
-
 @pytest.mark.parametrize("count", [5, 8])
 def test_chosen_stops_are_nearer_than_rounded_ones(count):
     levels = np.random.default_rng(2).uniform(0, 40, (50, 3))

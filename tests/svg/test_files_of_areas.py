@@ -32,11 +32,7 @@ def numbers_of(area: Area) -> list[float]:
     """All numbers of an area."""
     numbers = [area.opacity, area.width, *np.ravel([o.points[0] for o in area.outlines])]
     numbers += [v for outline in area.outlines for point in outline.points for v in point]
-    if isinstance(area.paint, tuple):
-        return [*numbers, *area.paint]
-    own = area.paint
-    place = [*own.start, *own.end] if isinstance(own, LinearGradient) else [*own.center, *own.radii]
-    return [*numbers, *own.offsets, *np.ravel(own.colors), *place]
+    return [*numbers, *area.paint]
 
 
 @given(
@@ -61,43 +57,6 @@ def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
         svg = write_svg(back, svg_format, page)
         back = read_svg(svg)
     assert write_svg(back, svg_format, page) == svg
-    halved = SvgFormat(markup=markup, precision=precision / 2) if precision > 0.002 else svg_format
-    scale = halved.precision / precision
-    assert write_svg(back.scaled(scale).select([]), halved).count("<path") == write_svg(
-        back.select([]), svg_format
-    ).count("<path")
-
-
-def plain_svg(area: Area, scale: float) -> str:
-    """An area as absolute path data without rounding, by nothing of the package."""
-    data = ""
-    for outline in area.outlines:
-        x, y = scale * np.array(outline.segments[0][0])
-        data += f"M {x} {y}"
-        for segment, curved in zip(scale * outline.segments, outline.curved, strict=True):
-            numbers = segment[1:] if curved else segment[3:]
-            data += f" {'C' if curved else 'L'} " + " ".join(map(str, numbers.ravel().tolist()))
-        data += " Z" * outline.closed
-    look = 'fill="#000"'
-    if area.is_line:
-        join = "round" if area.cap == "round" else "miter"
-        look = f'fill="none" stroke="#000" stroke-width="{scale * area.width}" '
-        look += f'stroke-linecap="{area.cap}" stroke-linejoin="{join}"'
-    root = f'width="{40 * scale}" height="{30 * scale}"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {root}><path {look} d="{data}"/></svg>'
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_path_data_draw_the_outline_within_its_rounding(seed):
-    markup = ["editable", "minimal"][seed % 2]
-    (area,) = random_areas(1, seed)
-    width = max(area.width, 1.0) if area.is_line else 0.0
-    area = Area(area.outlines, (0, 0, 0), 1.0, width, area.cap)
-    svg = write_svg(Scene(40, 30, areas=[area]), SvgFormat(markup=markup, precision=0.004))
-    drawn, exact = rasterize(svg, 160, 120), rasterize(plain_svg(area, 4.0), 160, 120)
-    # resvg has sixteen samples a pixel.
-    assert np.abs(drawn - exact).max() < 5 / 16
-    assert np.sqrt(np.square(drawn - exact).mean()) < 0.01
 
 
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
@@ -202,24 +161,19 @@ def test_levels_of_a_file_count_the_areas_that_are_written(markup):
     assert write_svg(faint, svg_format) == write_svg(scene.select([]), svg_format)
 
 
-@pytest.mark.parametrize(
-    ("seed", "markup", "crisp"),
-    [(0, "editable", False), (1, "editable", True), (2, "minimal", False), (3, "minimal", True)],
-)
-def test_a_file_draws_gaussians_below_areas_as_the_model_does(seed, markup, crisp):
-    rng, soft = np.random.default_rng(seed), random_scene(12, 40, 30, seed, (2, 9), (1, 1))
-    areas = []
-    for x, y in rng.integers(0, 30, (5, 2)).tolist():
-        box = closed((x, y), (x + 12, y), (x + 12, y + 9), (x, y + 9))
-        color = tuple(rng.integers(0, 2, 3).astype(float).tolist())
-        areas.append(Area([box], color, float(rng.choice([0.5, 1.0]))))
-    scene = with_levels(soft.replace(areas=areas), seed)
-    if crisp:
+@pytest.mark.parametrize("seed", range(8))
+def test_a_file_draws_areas_and_gaussians_among_them_as_the_model_does(seed):
+    markup = ["editable", "minimal"][seed % 2]
+    soft = random_scene(12, 40, 30, seed, (2, 9), (1, 1))
+    scene = with_levels(soft.replace(areas=random_areas(6, seed)), seed)
+    if seed > 3:  # crisp
+        rng = np.random.default_rng(seed)
         beta, opacity = np.full(12, 64.0), rng.choice([0.5, 1.0, 1.0], 12)
         color = np.round(rng.random((12, 1))) * np.ones(3)
         scene = scene.replace(beta=beta, opacity=opacity, color=color, drawn=np.full(12, PLAIN))
-    drawn = rasterize(write_svg(scene, SvgFormat(markup=markup, precision=0.01)), 160, 120)
-    assert psnr(drawn, render(scene, 160, 120)) > 40
+    drawn = rasterize(write_svg(scene, SvgFormat(markup=markup, precision=0.004)), 160, 120)
+    # resvg has sixteen samples a pixel, which many edges of strokes show.
+    assert psnr(drawn, render(scene, 160, 120)) > 31
 
 
 def test_a_page_is_an_area_and_not_the_background():
@@ -329,7 +283,5 @@ def test_scenes_that_a_file_cannot_have_are_refused():
         with pytest.raises(SceneError, match=r"an area must reach at most 4e\+06 px .* got 1e\+08"):
             write_svg(Scene(40, 30, areas=[area]))
     clear = dataclasses.replace(TRIANGLE, opacity=0.5)
-    shaded = dataclasses.replace(TRIANGLE, paint=LinearGradient((0, 1), (RED, RED)))
-    for area in (clear, shaded):
-        with pytest.raises(InputError, match="must be of opaque plain ellipses and areas alone"):
-            write_svg(Scene(40, 30, areas=[area]), SvgFormat(layers="inks"))
+    with pytest.raises(InputError, match="must be of opaque plain ellipses and areas alone"):
+        write_svg(Scene(40, 30, areas=[clear]), SvgFormat(layers="inks"))

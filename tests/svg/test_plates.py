@@ -20,9 +20,9 @@ from gauss2svg.scene.areas import Area, Outline
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.scene.inks import ink_colors, printed_colors
 from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg.paints import color_of
 from gauss2svg.svg.plates import Regions, grouped_by_ink, plate_of
 from gauss2svg.svg.read import read_svg
-from gauss2svg.svg.read_values import color_of
 from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -172,24 +172,16 @@ def test_marks_are_at_the_same_places_around_all_plates_and_move_no_ink():
     assert len(seen) == 1
 
 
-def test_the_run_says_how_many_parts_are_too_thin_to_cut(photo, tmp_path, capsys):
-    (tmp_path / "photo.png").write_bytes(as_png(photo[:60, :90]))
-    given = [tmp_path / "photo.png", "--inks", 3, "--gaussians", 40, "--iterations", 8]
-    given += ["--overwrite", "--outline", tmp_path / "l.svg", "--cut", "--size"]
-    assert main([*map(str, given), "9mm"]) == 0
-    assert "too thin to cut (0.3 mm), and left to the ink beside. Try a larger --size" in (
-        capsys.readouterr().err
-    )
-    assert main([*map(str, given), "9000mm"]) == 0
-    assert "too thin" not in capsys.readouterr().err
-
-
-def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path):
+def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path, capsys):
     source = tmp_path / "photo.png"
     source.write_bytes(as_png(photo[:60, :90]))
     given = [source, "-o", tmp_path / "o.svg", "--inks", "#202020,#909090", "--gaussians", 20]
     given += ["--iterations", 8, "--separations", tmp_path / "p.svg", "--marks", "--cut"]
-    assert main([*map(str, given), "--trap", "0.3", "--outline", str(tmp_path / "l.svg")]) == 0
+    given += ["--trap", "0.3", "--outline", tmp_path / "l.svg", "--overwrite"]
+    assert main([*map(str, given), "--size", "9000mm"]) == 0
+    assert "too thin" not in capsys.readouterr().err
+    assert main([*map(str, given)]) == 0
+    assert "too thin to cut (0.3 mm), and left to the ink beside" in capsys.readouterr().err
     result = vectorize(source, gaussians=20, iterations=8, inks="#202020,#909090")
     assert result.thin_parts() == pickle.loads(pickle.dumps(result)).thin_parts()
     plates = [(tmp_path / f"p-{k}.svg").read_text() for k in (1, 2)]
@@ -210,13 +202,9 @@ def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path
         ("--inks red,#00f,lime,#ff0 --overprint 2", "mixes; got 2 for 4 inks. Try 1"),
         ("--inks white", "--inks must be another colour than the paper; got #ffffff"),
         ("--inks red --paper griin", "--paper must be a colour"),
-        ("--inks 3 --cut", "--cut must be given with --separations"),
         ("--inks 3 --separations p.svg --trap 0.2", "--trap must be given with --cut"),
         ("--separations p.svg", "--separations must be given with --inks"),
-        (
-            "--plot p.svg --sheet 20x20mm",
-            "margin must be smaller for a sheet of 20x20mm; got",
-        ),
+        ("--plot p.svg --sheet 20x20mm", "margin must be smaller for a sheet of 20x20mm; got"),
         ("--plot photo-1.svg", "is also the photo"),
     ],
 )

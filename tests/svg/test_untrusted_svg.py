@@ -45,19 +45,12 @@ REFUSED = {
         f'<!DOCTYPE svg [<!ENTITY x SYSTEM "file:///etc/passwd">]>{ROOT}<desc>&x;</desc></svg>',
         "save it as plain SVG",
     ),
-    "own attributes": (
-        f'<!DOCTYPE svg [<!ATTLIST g fill CDATA "red">]>{ROOT}<g/></svg>', "type of its own",
-    ),
     "no svg": ("<html/>", "root element must be <svg>; got <html>"),
     "any prefix": ('<image any:href="x.png"/>', "got 'x.png'"),
-    "picture of an editor": (
-        f'<image xlink:href="{DOT}" s:absref="/etc/x.png"/>', "got '/etc/x.png'",
-    ),
     "use": ('<use href="other.svg#a"/>', "got 'other.svg#a'"),
     "use of data": (f'<use href="{data_of(NESTED)}"/>', NO_IMAGE),
     "paints": ('<g fill="url(#a)" stroke="url(#b) url( \'x.svg#a\' )"/>', "x.svg#a"),
     "style sheet": ("<style>g { mask: url(x.svg) }</style>", "got 'x.svg'"),
-    "escaped paint": ("<g style='fill:\\75r\\6c(x.svg)'/>", "got 'x.svg'"),
     "escaped rule": ("<style>@i\\mport 'x.css';</style>", "got '@import'"),
     "escape at the end of a line": ("<style>g { fill: u\\\nrl(x.svg) }</style>", "got 'x.svg'"),
     "instruction": (
@@ -66,12 +59,10 @@ REFUSED = {
     ),
     "instruction at the end": (f"{ROOT}</svg><?xml-stylesheet href='x'?>", "got 'xml-stylesheet'"),
     "null": (f"{ROOT}<desc>\0</desc></svg>", "without null characters"),
-    "style sheet of a page": ('<h:style>@IMPORT "x.css";</h:style>', "got '@IMPORT'"),
     "element in a style sheet": ('<style>@imp<g>x</g>ort "x";</style>', "of text alone; got <g>"),
     "svg of CSS": ("<style>g{mask:url(data:image/svg+xml,x)}</style>", "got 'data:image/svg"),
     "base": ('<image xml:base="/etc/x.png" href=""/>', "got '/etc/x.png'"),
     "blank of a link": ('<image href=" #p.png"/>', "got '#p.png'"),
-    "blank of a link of CSS": ("<g style='fill:url(\u00a0#p.png)'/>", "#p.png"),
     "blank before data": (f'<image href="\u00a0{DOT}"/>', "data:image"),
     "other format": (f'<image href="{data_of(BMP)}"/>', NO_IMAGE),
     "large picture": (f'<image href="{HUGE}"/>', NO_IMAGE),
@@ -128,16 +119,6 @@ def test_what_is_too_long_is_not_unpacked_or_read_to_its_end(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "encoding"),
-    [("utf-16", "utf-8"), ("nonsense", "utf-8"), ("x-mac-roman", "mac-roman"),
-     ("rot13", "utf-8"), ("Shift_JIS", "shift_jis")],
-)  # fmt: skip
-def test_a_declaration_that_cannot_be_is_ignored_as_by_browsers(name, encoding):
-    text = f'<?xml version="1.0" encoding="{name}"?>{ROOT}</svg>'
-    assert read_source(text.encode(encoding), 10_000)[1] == text
-
-
-@pytest.mark.parametrize(
     ("document", "body"),
     [
         ("<!DOCTYPE svg []>", "<g/>"),
@@ -155,8 +136,11 @@ def test_source_is_read_in_its_encoding_up_to_its_limits():
     packed = gzip.compress(svg.encode())
     for source in (svg.encode(), svg.encode("utf-8-sig"), packed):
         assert read_source(source, len(svg) + 3)[1].lstrip("\ufeff") == svg
-    for encoding in ("utf-16", "windows-1252"):
-        text = f"<?xml version='1.0' encoding='{encoding}'?>{ROOT}<title>Größe 10 €</title></svg>"
+    declared = {"utf-16": "utf-16", "windows-1252": "windows-1252", "Shift_JIS": "shift_jis"}
+    declared |= {"nonsense": "utf-8", "rot13": "utf-8"}  # which browsers ignore
+    for name, encoding in declared.items():
+        said = "ö" if encoding != "shift_jis" else "ソ"
+        text = f"<?xml version='1.0' encoding='{name}'?>{ROOT}<title>{said}</title></svg>"
         assert read_source(text.encode(encoding), 10_000)[1] == text
     assert Survey(svg, 3).tags == {"g": 2, "svg": 1}
     for broken in (packed[:-9], packed[:12] + b"\xff" * 9 + packed[21:]):
@@ -173,16 +157,13 @@ CHAIN += gradient("c2000")
 HOSTILE = {
     "digits": f'<svg width="{"9" * MANY}x" viewBox="0 0 8 8"',
     "calls": f'{ROOT[:-1]} filter="blur(" transform="{"matrix(" * MANY}"',
-    "unclosed comments": f"{ROOT}<style>{'/*' * MANY}</style><g style='{'/*' * MANY}'/>",
     "styles": f"{ROOT}<g style='a:{'/*' * MANY}'/><g style='{'fill:red;' * MANY}!'/>",
     "media": f"{ROOT}<style>{'@media print{a{' * MANY}animation:a</style>",
     "comments": f"{ROOT}<style><![CDATA[{'<!-- <use title ' * MANY} href]]></style>",
     "urls": f"{ROOT}<style>{'url(#' * MANY}{'image(a ' * MANY}</style>",
     "rules": f"{ROOT}<style>{'.a{fill:red}' * MANY}{'a,' * MANY}{'a{' * MANY}</style>",
     "selectors": f"{ROOT}<style>{'a.b#c >' * MANY}!{{fill:red}}</style>",
-    "functions": f"{ROOT}<g style='fill:{'f(' * MANY}'/>",
     "numbers": f'{ROOT}<path d="M0 0" stroke-dasharray="{"1 " * MANY}x" fill="{" " * MANY}x"/>',
-    "transforms": f'{ROOT}<g transform="{"scale(1)" * MANY}x" style="filter:blur(1)"/>',
     "prolog": f"{'<!-- -->' * MANY}{'<?a ?>' * MANY}<!DOCTYPE svg [" + '<!ENTITY a "b">' * 999,
     "chain": f"{ROOT}{CHAIN}" + "".join(f'<circle r="1" fill="url(#c{i})"/>' for i in range(2000)),
 }
@@ -231,16 +212,13 @@ RIGHT = [
     *(f'<rect fill="{c.replace("_", " ")}"/>' for c in COLORS.split()),
     *(f'<rect style="stroke:{c.replace("_", " ")}"/>' for c in COLORS.split()),
     *(f'<rect x="1" width="{side}"/>' for side in ("8px", "+8", ".8e1", "5mm", "30%")),
-    *(f'<g opacity="{share}"/>' for share in (".5", "50%", "1.5", "-1")),
     *(f'<g transform="{t}"/>' for t in ("rotate(5,1 2)scale(2)", "matrix(1 0 0 1 2-3)", "")),
     '<g transform-origin="4 4" transform="rotate(5)"/>', '<g style="fill:red;;"/>',
     '<g style="display:inline;overflow:visible;enable-background:new;-inkscape-stroke:none"/>',
-    '<g style="font:12px x;text-anchor:middle;cursor:pointer;mix-blend-mode:multiply"/>',
     '<g style="/* a */fill:/* b */red;font-family:\'A b\',&quot;c&quot;"/>',
     '<g data-x="f(" aria-label="(\\)" content="\\(" rotate="9deg" zoom="2" base="7"/>',
     '<text style="fill:var(--x)" x="1vw">a</text>', '<foo fill="lab(1 2 3)" xmlns="urn:a"/>',
     '<path d="M0 0junk" marker-end="url(#a)"/>', '<rect stroke-dasharray="1 2,3" rx="2"/>',
-    '<use href="#a"/><mask/><mask/>',
     '<symbol viewBox="0 0 8 8"/>', '<mask style="mask-type:luminance"/>',
     '<filter id="a" x="-50%"><feGaussianBlur stdDeviation="2 1"/></filter><g filter="url(#a)"/>',
     # as Illustrator, Figma and draw.io write them
@@ -250,8 +228,7 @@ RIGHT = [
     'flood-opacity="0" result="a"/><feBlend in="SourceGraphic" in2="a"/><feGaussianBlur '
     'stdDeviation="2"/><feColorMatrix type="matrix" values="0 0 0"/></filter>',
     '<switch><g requiredFeatures="http://www.w3.org/TR/SVG11/feature#Extensibility"/></switch>',
-    data("PNG", "image/png"), data("JPEG", "image/jpg"), data("WEBP", "image/webp", 6),
-    data("PNG", ""), data("GIF", "IMAGE/GIF"), data("PNG", "image/png;charset=utf-8"),
+    data("PNG", ""), data("JPEG", "image/jpg"), data("WEBP", "image/webp", 6),
     *(f"<style>{rule}{{fill:red}}</style>{STYLED}" for rule in (
         "path", ".b", "*", ".a .b", ".a > path", "path + circle", ".b.c", '[class="c"]', ".b, .c",
         ".b:hover", "svg>g:target~g")),
@@ -273,12 +250,10 @@ OTHERWISE = {
     **{f"<{name}/>": f"<{name}>" for name in (
         "pattern", "foreignObject", "animate", "set", "feTile", "script", "mesh", "bogus")},
     f'<mask id="a"/><mask id="a"/>{STYLED}': "the id a of several elements",
-    '<g fill="url(#a%20b)"/>': "fill=", '<g filter="url(#a) invert(1)"/>': "filter=",
-    '<g transform="translate(1,)"/>': "transform", '<g transform="scale(nan)"/>': "transform",
+    '<g filter="url(#a) invert(1)"/>': "filter=", '<g transform="translate(1,)"/>': "transform",
     '<switch><g systemLanguage="en"/></switch>': "systemLanguage", '<symbol width="8"/>': "width",
     '<feGaussianBlur edgeMode="wrap"/>': "edgeMode", '<path pathLength="9"/>': "pathLength",
     '<feOffset x="1"/>': "<feOffset> with a part of x", '<use href="#a%20b"/>': "href",
-    '<path marker-mid="url(#a)"/>': "marker-mid",
     data("PNG", "image/jpeg"): "a PNG declared as image/jpeg",
     data("JPEG", "image/jpeg", 6): "a JPEG that is turned",
     data("JPEG", "image/jpeg", mode="CMYK"): "a JPEG that is turned",
@@ -286,7 +261,6 @@ OTHERWISE = {
         ".b:nth-of-type(2)": "the selector", ":root": "the selector", ".c ~ path": "the selector",
         "[class^=b]": "the selector", "@media screen{.b": "@media screen", ".a{.b": ".a{.b",
         "@layer x{.b": "@layer x", ".\\62 ": ".\\62", "@keyframes k{to": "@keyframes"}.items()},
-    f"<style>.b{{fill:var(--x)}}</style>{STYLED}": "fill: var(...)",
     f"<style>circle{{r:2px}}</style>{STYLED}": "r: 2px",
     f'<style media="print">.b{{fill:red}}</style>{STYLED}': 'media="print" on <style>',
 }  # fmt: skip
