@@ -19,6 +19,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,9 +145,9 @@ class ByAreas:
         export = self._exporter.unscored(start)
         if export.size > self._limit:
             return outcome
-        fitted, measured = outcome.fitted.after(None, "start"), self._exporter.measured(export)
-        own = dataclasses.replace(outcome, file=export, measured=measured, fitted=fitted)
-        return max(outcome, own, key=lambda one: one.psnr)
+        fitted, raster = outcome.fitted.after(None, "start"), self._exporter.raster(export.svg)
+        own = dataclasses.replace(outcome, file=export, raster=raster, fitted=fitted)
+        return max(outcome, own, key=attrgetter("psnr"))
 
     def _scaled_start(self) -> Scene | None:
         """Return the scene of the start, scaled to the working picture."""
@@ -163,16 +164,12 @@ class ByAreas:
         # If the search for shapes alone is stopped at once, the shapes of a short fit are the file.
         trial, subject = self._best() or self._trials.in_short(), self._subject
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        reason = run.end_reason("max_bytes" if self._is_cut else "gain", self._is_late)
+        reason = "time_limit" if self._is_late else "max_bytes" if self._is_cut else "gain"
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
         final = self._steady(self._rastered(trial))
-        run.notify("measure")
-        alone = Outcome(
-            self._plan, subject, final, fitted, self._exporter.measured(final),
-            corrections=max(self._tries - 1, 0), found=final.found,
-        )  # fmt: skip
+        alone = self._exporter.outcome(final, fitted, max(self._tries - 1, 0), final.found)
         aim = plan.aim
-        is_met = aim and aim.is_met_by(aim.score(alone.measured.raster, subject.photo))
+        is_met = aim and aim.is_met_by(aim.score(alone.raster, subject.photo))
         if self._ends() or is_met or not self._trials.wants_gaussians(trial):
             return self._judged(alone)
         start = subject.start
@@ -182,16 +179,13 @@ class ByAreas:
             options = plan.options.changed(gaussians=int(most) - len(trial.ground))
             plan = dataclasses.replace(plan, options=options)
         both = ByCount(plan, above, run).run()
-        above.release()
         is_closer = self._psnr(both) >= self._psnr(alone) + 0.02 or aim is not None
         if alone.file.size <= self._limit and not is_closer:
-            fitted = fitted.after(both.fitted, run.end_reason(reason))
+            fitted = fitted.after(both.fitted, reason)
             return self._judged(dataclasses.replace(alone, fitted=fitted))
         fitted = both.fitted.after(fitted, both.fitted.stop_reason)
         corrections = both.corrections + alone.corrections
-        both = dataclasses.replace(
-            both, subject=subject, found=trial.found, fitted=fitted, corrections=corrections
-        )
+        both = dataclasses.replace(both, found=trial.found, fitted=fitted, corrections=corrections)
         return self._judged(both)
 
     def _decode(self) -> None:

@@ -45,7 +45,7 @@ class ByCount:
 
         Return the best file with its measurements.
         """
-        plan, subject, limits, run = self._plan, self._subject, self._limits, self._run
+        plan, limits, run = self._plan, self._limits, self._run
         exports = list[Export]()
         session, additive = self._fitted()
         self._phase = "correct"
@@ -68,12 +68,11 @@ class ByCount:
         if limit is not None and best.size > limit:
             within = [export for export in candidates if export.size <= limit]
             best = max([self._exporter.pruned(best, limit), *within], key=attrgetter("score"))
-        run.notify("measure")
-        measured = self._exporter.measured(best)
-        kept = "start" if best in self._first else self._policy.stop_reason
-        reason = run.end_reason(kept, session.clock.out_of_time)
-        fitted = session.result().after(additive, reason)
-        return Outcome(plan, subject, best, fitted, measured, len(exports) - 1)
+        fitted = session.result()
+        if best in self._first:
+            fitted = fitted.after(None, "start")
+        fitted = fitted.after(additive, fitted.stop_reason)
+        return self._exporter.outcome(best, fitted, len(exports) - 1)
 
     def _fitted(self) -> tuple[FitSession, FitResult | None]:
         """Run the fit whose scene the first file shows. Return this fit.

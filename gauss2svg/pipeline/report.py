@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from gauss2svg.measure import SCORES, Scores, decibels
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.measure.roundtrip import paint_ms, shown_width
+from gauss2svg.measure.roundtrip import paint_ms, round_trip, shown_width
 from gauss2svg.photo.pixels import Photo, over, pixels_of, shrunk
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
+from gauss2svg.processes import held_bytes
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import (
@@ -38,19 +39,19 @@ from gauss2svg.version import __version__
 from gauss2svg.without_scipy import nearest_entry
 
 
-def run_report(
-    plan: Plan, photo: Photo, outcome: Outcome, scores: Scores, run: Run
-) -> dict[str, Any]:
-    """Return a dict of all options and results of a run.
+def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str, Any]:
+    """Measure the file of a run, and return a dict of all options and results.
 
     docs/reference/report.md explains its keys.
     """
-    file, svg = outcome.file, outcome.file.svg
+    file, svg, raster = outcome.file, outcome.file.svg, outcome.raster
     chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
-    fitted, measured, options = outcome.fitted, outcome.measured, plan.options
-    total_s, count = time.perf_counter() - run.started, len(file.scene)
-    shown, scored = shown_width(document, file.scene), measured.scores | _by_focus(outcome)
-    scored["psnr_photo"] = _psnr_photo(plan, photo, outcome)
+    fitted, options, count = outcome.fitted, plan.options, len(file.scene)
+    scored = round_trip(svg, file.scene, subject.photo, options.run.renderer, raster).scores
+    scores, shown = _scores(plan, outcome, run), shown_width(document, file.scene)
+    psnr_photo = psnr(raster, pixels_of(photo)) if plan.sketch else scored["psnr_svg"]
+    scored |= {**_by_focus(outcome), "psnr_photo": psnr_photo}
+    total_s = time.perf_counter() - run.started
     counts, found = AreaCounts.of(file.scene.areas), outcome.found
     text = json.dumps(options.of_picture(), sort_keys=True)
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
@@ -61,7 +62,7 @@ def run_report(
         **dict(zip(("inks", "paper", "overprint"), plan.printed or (), strict=False)),
         **_sides("", photo.original_size),
         **_sides("fit_", subject.size),
-        **_sides("measured_", measured.raster.shape[1::-1]),
+        **_sides("measured_", raster.shape[1::-1]),
         "gaussians": count,
         **dict(zip(("area_count", "line_count", "node_count"), counts, strict=True)),
         "iterations": fitted.iterations,
@@ -79,7 +80,7 @@ def run_report(
         "rounds": fitted.rounds,
         "corrections": outcome.corrections,
         "rollbacks": fitted.rollbacks,
-        "ink_shares": _ink_shares(_printed(plan), measured.raster),
+        "ink_shares": _ink_shares(_printed(plan), raster),
         "colors": len(np.unique(np.round(_colors(file.scene) * 255), axis=0)),
         "gradients": svg.count("<radialGradient") + svg.count("<linearGradient"),
         "area_share": 0.0 if found is None else found.explained,
@@ -97,13 +98,26 @@ def run_report(
         "paint_ms": paint_ms(file.scene, svg, shown),
         "paint_width": shown,
         "transparent": photo.alpha is not None,
-        "notes": [*photo.notes, *_notes(plan, photo, outcome)],
+        "notes": [*photo.notes, *_notes(plan, photo, outcome, psnr_photo)],
         "pixels_sha256": _pixels_sha256(pixels_of(photo)),
         # The digest of the options that change a file, as JSON with sorted names.
         "options_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "versions": dict(_versions()),
         "total_s": total_s,
     }
+
+
+def _scores(plan: Plan, outcome: Outcome, run: Run) -> Scores:
+    """Measure the scores that the options ask for."""
+    aim = plan.aim
+    if not plan.options.run.scores and (aim is None or aim.of.always):
+        return Scores()
+    # This is imported here, because only few runs ask for scores.
+    from gauss2svg.measure.perceptual import perceptual_scores
+
+    known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.file.score}
+    free_bytes = run.most_bytes - held_bytes()
+    return perceptual_scores(outcome.raster, outcome.subject.photo, free_bytes, known)
 
 
 def _pixels_sha256(pixels: NDArray[np.float32]) -> str:
@@ -148,7 +162,7 @@ def _by_focus(outcome: Outcome) -> dict[str, float | None]:
 
     Both are None if there is no mask.
     """
-    subject, raster = outcome.subject, over(outcome.measured.raster)
+    subject, raster = outcome.subject, over(outcome.raster)
     inside = None if subject.focus is None else subject.focus.inside(*raster.shape[:2])
     weights = {"inside": inside, "outside": None if inside is None else 1 - inside}
     return {
@@ -157,14 +171,11 @@ def _by_focus(outcome: Outcome) -> dict[str, float | None]:
     }
 
 
-def _psnr_photo(plan: Plan, photo: Photo, outcome: Outcome) -> float:
-    """Return the PSNR in dB of the SVG against the photo, with the paper of a sketch."""
-    measured = outcome.measured
-    return psnr(measured.raster, pixels_of(photo)) if plan.sketch else measured.scores["psnr_svg"]
+def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Iterator[str]:
+    """Yield notes on choices of the run that a user may want to know about or to change.
 
-
-def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
-    """Yield notes on choices of the run that a user may want to know about or to change."""
+    psnr_photo  PSNR in dB of the SVG against the photo, with the paper of a sketch
+    """
     chosen, count, rate = outcome.plan, len(outcome.file.scene), plan.options.fit.learning_rate
     # If the bytes suffice for no shape, `unreached` reports it.
     is_clear = photo.alpha is not None and photo.alpha.any()
@@ -182,18 +193,17 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             "or a background, which counts as a colour. Try --areas always, or cut it out first"
         )
     if plan.sketch:
-        whole = decibels(_psnr_photo(plan, photo, outcome))
         yield (
             "drawn as a sketch: one ink on paper of one colour. The match is that with the sketch "
-            f"without shadows, grain and stains. With them it is {whole}. For these give --areas "
-            "never"
+            f"without shadows, grain and stains. With them it is {decibels(psnr_photo)}. For these "
+            "give --areas never"
         )
     if printed := _printed(plan):
         used = [*inks_in(outcome.file.scene, *printed), printed[1]]
         unused = ", ".join(ink for ink in printed[0].split(",") if ink not in used)
         if unused:
             yield f"not used: {unused} of the inks, because other inks are closer everywhere"
-    if plan.printed and (far := _far_colors(outcome.measured.raster, outcome.subject.photo)):
+    if plan.printed and (far := _far_colors(outcome.raster, outcome.subject.photo)):
         overprint = plan.printed[2]
         mixed = "" if overprint and overprint > 1 else ", or --overprint 3 if they may mix"
         yield f"{far}. Try inks of its colours, such as those of --inks 4{mixed}"

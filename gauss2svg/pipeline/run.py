@@ -75,11 +75,6 @@ class Run:
         self.ended = self.ended or (self._stop is not None and self._stop())
         return self.ended
 
-    def end_reason(self, otherwise: str, is_late: bool = False) -> str:
-        """Return the stop_reason of a search: it was stopped, its time is over, or `otherwise`."""
-        reason = "time_limit" if is_late else otherwise
-        return "interrupted" if self.ended else reason
-
     def read(
         self, image: ImageSource, needed: SizeNeeded, matte: Sequence[float] | None = None
     ) -> Photo:

@@ -117,7 +117,8 @@ BYTES = 1.25 * 10_000 / USUAL_BYTES  # shapes that fill 10 000 bytes while growi
 
 def limits_by(plan: Plan, budget: TimeBudget) -> Limits:
     """The limits of a plan, on a picture that is large enough for any count."""
-    return Limits(plan, Exporter(plan, Subject.of(np.zeros((1, 1, 3), "f4"))), budget, 10**9)
+    pixel = np.zeros((1, 1, 3), np.float32)
+    return Limits(plan, Exporter(plan, Subject(pixel, pixel, (1, 1))), budget, 10**9)
 
 
 def limits_of(gain=0.0, enough=math.inf, cap=10**6, **options) -> Limits:

@@ -175,7 +175,7 @@ def test_a_pruned_file_has_as_many_of_the_most_useful_gaussians_as_fit():
         rng.random((80, 3)), np.ones(80),
     )  # fmt: skip
     photo, form = render(scene), SvgFormat()
-    exporter = Exporter(plan.Plan(Options()), Subject.of(photo))
+    exporter = Exporter(plan.Plan(Options()), Subject(photo, photo, (96, 64)))
     svg, flat = write_svg(scene, form), write_svg(scene.select(np.arange(0)), form)
     export = Export(scene, svg, form, len(svg), 20.0)
     for share in (0.0, 0.1, 0.5, 0.999):
