@@ -122,7 +122,7 @@ class ByAreas:
         # With a time limit, no time is left for two searches, and a preset asks for no more.
         enough = math.inf if is_limited else self._plan.preset.stop_psnr - ENOUGH.too_little
         if psnr < enough and not (unsure or self._plan.goal.time_limit or self._run.ended):
-            unsure = self._trials.shapes_win(outcome.file.size, psnr)
+            unsure = self._trials.shapes_win(outcome.file.size, self._trials.error_at(psnr))
         outcome = dataclasses.replace(outcome, unsure=unsure)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
             return outcome
@@ -215,8 +215,7 @@ class ByAreas:
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found."""
         # Refined areas have .4 of the error, and take 4 bytes for each px of their edges.
-        psnr = -10 * portable.log10(max(0.4 * error / self._trials.values, 1e-12))
-        self._has_strips = self._trials.shapes_win(4.0 * edges, psnr)
+        self._has_strips = self._trials.shapes_win(4.0 * edges, 0.4 * error)
         if self._has_strips:
             raise _StripsError
 
@@ -253,15 +252,14 @@ class ByAreas:
 
     def _steady(self, trial: Trial) -> Trial:
         """Return a trial whose areas are those of the start where these draw the same."""
-        start, ground = self._start, trial.ground
-        values = 3 * math.prod(self._subject.photo.shape[:2])
+        start, ground, photo = self._start, trial.ground, self._subject.photo
         if start is None or len(ground) or len(start) or self._ends():
             return trial
 
         def error_of(areas: tuple[Area, ...]) -> float:
             export = self._exporter.unscored(ground.replace(areas=areas))
             error = portable.power(10, -self._raster_psnr(export.svg) / 10)
-            return math.inf if export.size > self._limit else values * error
+            return math.inf if export.size > self._limit else 3 * photo[..., 0].size * error
 
         return self._with_areas(trial, changes.kept(ground.areas, start.areas, error_of))
 
@@ -286,7 +284,7 @@ class ByAreas:
             return shaded if shaded.size <= self._limit else self._cut(shaded, True)
         trials = [self._trials.trial(first)]
         # At a PSNR below 25 dB, narrow bands of inks seem to be a gradient of one.
-        if self._plan.in_inks and trials[0].error > portable.power(10, -2.5) * self._trials.values:
+        if self._plan.in_inks and trials[0].error > self._trials.error_at(25):
             self._is_lost = True
             return None
         has_start = self._subject.start is not None

@@ -17,11 +17,10 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import Target
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import Focus, from_views, has_alpha, shrunk, views
-from gauss2svg.pipeline.outcome import Export, Exporter, Subject
+from gauss2svg.pipeline.outcome import Export, Exporter, Subject, scaled_to
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.render.areas import coverage_of, draw_areas
 from gauss2svg.scene import ABOVE, Scene
-from gauss2svg.scene.scene import PARAMETERS
 from gauss2svg.svg import MINIMAL
 
 TRIED = 24  # Gaussians of a trial, unless their number follows from a limit of bytes
@@ -55,7 +54,6 @@ class Trials:
 
     plan     plan whose rate is the squared error that a byte must save
     is_over  function that tells whether the run has to end
-    values   numbers of the working picture
     most     largest number of Gaussians
     """
 
@@ -71,36 +69,36 @@ class Trials:
         self._times = times = min(max(1, round(max(width, height) / 256)), width, height)
         rows, columns = height // times, width // times
         part = subject.working[: rows * times, : columns * times]
-        self._small, self.values = shrunk(part, rows, columns), 3 * width * height
+        self._small = shrunk(part, rows, columns)
         self.most = math.inf if plan.goal.count is None else plan.goal.count
         if plan.sketch or plan.in_inks:
             self.most = 0  # they would draw errors along edges, which look like stains
 
     def trial(self, found: FoundAreas, count: int = TRIED) -> Trial:
         """Return areas with what `count` Gaussians below or above them are expected to save."""
-        scene = scene_of(self._subject, found)
-        height, width = self._small.shape[:2]
-        count = int(min(count, self.most, height * width // 3))
-        export, areas_alone = self._exporter.unscored(scene), scene
+        scene = alone = scene_of(self._subject, found)
+        count = int(min(count, self.most, self._small[..., 0].size // 3))
+        export = self._exporter.unscored(scene)
         first = error = cost = self._error(scene)
         # As long as more of them pay, more Gaussians are tried below the areas.
         for below in (8, 24, 72) if count and found.areas and not len(scene) else ():
             if self._is_over() or cost <= self._price * below or below > self.most:
                 break
-            tried = self._with_gaussians_below(areas_alone, below)
+            tried = with_gaussians_below(self._cut(alone), self._small, below, self._is_over)
+            tried = tried.replace(width=scene.width, height=scene.height)
             tried_export, tried_error = self._exporter.unscored(tried), self._error(tried)
             if tried_export.size > self._limit or tried_error + self._price * below >= cost:
                 break
             scene, export, error = tried, tried_export, tried_error
             cost = error + self._price * below
-        if len(scene) > len(areas_alone):
+        if error < first:
             scene = without_idle(scene, self._error)
             found = dataclasses.replace(found, areas=scene.areas)
             export, error = self._exporter.unscored(scene), self._error(scene)
         saved, price = 0.0, self._price * count
         if count and error > price / 2:
             after = self._fitted(scene, count, self._is_over).population.psnr()
-            saved = max(error - self.values * portable.power(10, -after / 10), 0.0)
+            saved = max(error - self.error_at(after), 0.0)
         # A trial that leaves less than .85 of the error shows shading that areas only imitate.
         is_shaded = error < first or error - saved < 0.85 * error
         cost = error + self._rate * export.size - max(saved - price, 0.0)
@@ -116,37 +114,29 @@ class Trials:
         focus, ground = self._subject.focus, self._cut(ground)
         return _fitted(self._small, options, count, 80, focus, ground, stop)
 
-    def _with_gaussians_below(self, scene: Scene, count: int) -> Scene:
-        """Return a scene of areas with `count` Gaussians on its page."""
-        new = with_gaussians_below(self._cut(scene), self._small, count, self._is_over)
-        return new.replace(width=scene.width, height=scene.height)
-
     def _cut(self, scene: Scene) -> Scene:
         """Return a scene without what the small picture lacks at the right and at the bottom."""
         height, width = self._small.shape[:2]
         return scene.replace(width=width * self._times, height=height * self._times)
 
-    def is_visible(self, error: float) -> bool:
-        """Return whether people can see a squared error at the picture's own size."""
-        return error > self.values * portable.power(10, -SEEN_UP_TO / 10)
+    def error_at(self, psnr: float) -> float:
+        """Return the squared error of the working picture at a PSNR in dB."""
+        return 3 * math.prod(self._subject.size) * portable.power(10, -psnr / 10)
 
     def _error(self, scene: Scene) -> float:
         """Return the squared error of a scene, measured on the small picture."""
         weight = self._subject.weight(self._small)
-        return self.values * portable.power(
-            10, -model_psnr(self._cut(scene), self._small, weight) / 10
-        )
+        return self.error_at(model_psnr(self._cut(scene), self._small, weight))
 
-    def shapes_win(self, size: float, psnr: float) -> bool:
+    def shapes_win(self, size: float, error: float) -> bool:
         """Return whether shapes alone, in a file of so many bytes, may be closer than areas.
 
         They may be if the errors of the areas can be seen, and if a trial of as many bytes of
         shapes leaves less than twice the squared error.
 
-        psnr  PSNR of the areas in dB
+        error  squared error of the areas
         """
-        error = self.values * portable.power(10, -psnr / 10)
-        if self._plan.prefers_areas or not self.is_visible(error):
+        if self._plan.prefers_areas or error <= self.error_at(SEEN_UP_TO):
             return False
         each = SHAPE_BYTES[1] if self._plan.markup == MINIMAL else USUAL_BYTES
         count = int(min(max(size / each, TRIED), 1000))
@@ -262,13 +252,12 @@ def without_idle(scene: Scene, error_of: Callable[[Scene], float]) -> Scene:
 
 def scene_of(subject: Subject, found: FoundAreas) -> Scene:
     """Return a scene of the areas, and of the Gaussians of a start that lie among them."""
-    (width, height), start = subject.size, subject.start
-    is_clear = found.background is None
-    background = np.ones(3) if found.background is None else np.array(found.background)
-    scene = Scene(width, height, background=background, transparent=is_clear, areas=found.areas)
+    start, background = subject.start, found.background
+    page = {
+        "background": np.ones(3) if background is None else np.array(background),
+        "transparent": background is None, "areas": found.areas,
+    }  # fmt: skip
     if start is None or (start.level == ABOVE).all():
-        return scene
-    below = start.select(start.level != ABOVE)
-    below = below.scaled(width / start.width, height / start.height)
-    shapes = {p.name: getattr(below, p.name) for p in PARAMETERS}
-    return scene.replace(**{**shapes, "level": np.minimum(below.level, len(found.areas))})
+        return Scene(*subject.size, **page)
+    below = scaled_to(start.select(start.level != ABOVE), subject.size)
+    return below.replace(**page, level=np.minimum(below.level, len(found.areas)))
