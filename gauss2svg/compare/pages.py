@@ -32,9 +32,8 @@ from gauss2svg.compare.variants import (
 from gauss2svg.errors import OutputError, instance, on_one_line, refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
-from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.progress_display import counting
-from gauss2svg.pipeline.run import thread_count
+from gauss2svg.pipeline.run import memory_limit, thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 

@@ -32,8 +32,7 @@ from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import shrunk
 from gauss2svg.pipeline import found as changes
-from gauss2svg.pipeline.by_count import ByCount
-from gauss2svg.pipeline.limits import ENOUGH
+from gauss2svg.pipeline.by_count import ENOUGH, ByCount
 from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, filled, scaled_to
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run

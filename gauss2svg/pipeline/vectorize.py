@@ -21,20 +21,21 @@ from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
 from gauss2svg.photo.pixels import Header, Photo, averaged, matte_color, pixels_of, shrunk
-from gauss2svg.pipeline.budgets import (
-    AREA_PIXELS_A_SECOND,
-    STEPS,
-    Load,
-    TimeBudget,
-    load_of,
-    size_that_fits,
-)
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, limit_error
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
-from gauss2svg.pipeline.run import Run, watched
+from gauss2svg.pipeline.run import (
+    AREA_PIXELS_A_SECOND,
+    STEPS,
+    Load,
+    Run,
+    TimeBudget,
+    load_of,
+    size_that_fits,
+    watched,
+)
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import inks_in

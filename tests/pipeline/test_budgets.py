@@ -16,11 +16,11 @@ from skimage import data
 
 from gauss2svg.fit.session import FitSession, Snapshot
 from gauss2svg.measure import metrics
-from gauss2svg.pipeline.budgets import TimeBudget, pixels_within
-from gauss2svg.pipeline.limits import Limits
+from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.outcome import Exporter, Subject
+from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.plan import PRESETS, USUAL_BYTES, Plan
+from gauss2svg.pipeline.run import Run, TimeBudget, pixels_within
 from gauss2svg.render import render
 
 DECIDED_BY_8_BITS = 50.0  # dB, from which the rounding of renderers decides: decisions/monotone.md
@@ -115,18 +115,18 @@ KILOBYTES = USUAL_BYTES / 1000
 BYTES = 1.25 * 10_000 / USUAL_BYTES  # shapes that fill 10 000 bytes while growing
 
 
-def limits_by(plan: Plan, budget: TimeBudget) -> Limits:
+def limits_by(plan: Plan) -> ByCount:
     """The limits of a plan, on a picture that is large enough for any count."""
-    pixel = np.zeros((1, 1, 3), np.float32)
-    return Limits(plan, Exporter(plan, Subject(pixel, pixel, (1, 1))), budget, 10**9)
+    large = np.broadcast_to(np.float32(0), (30_000, 30_000, 3))
+    return ByCount(plan, Subject(large, large, (1, 1)), Run())
 
 
-def limits_of(gain=0.0, enough=math.inf, cap=10**6, **options) -> Limits:
+def limits_of(gain=0.0, enough=math.inf, cap=10**6, **options) -> ByCount:
     """The limits of a preset of these numbers."""
     plan = Plan(Options.from_flat(options))
     preset = dataclasses.replace(PRESETS["balanced"], gain=gain, stop_psnr=enough, cap=cap)
     vars(plan)["preset"] = preset  # where a cached property keeps it
-    return limits_by(plan, TimeBudget())
+    return limits_by(plan)
 
 
 def grown(psnr_at, policy):
@@ -180,7 +180,7 @@ FEW_BYTES = {"max_bytes": 10**5, "markup": "editable"}
     ],
 )
 def test_best_export_is_the_smallest_near_the_goal(found, best):
-    limits = limits_by(Plan(Options.from_flat({"quality": "draft"})), TimeBudget())
+    limits = limits_by(Plan(Options.from_flat({"quality": "draft"})))
     exports = [exported(*one) for one in found]
     assert limits.best(exports).size == best  # pyright: ignore[reportArgumentType]
 

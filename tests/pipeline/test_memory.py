@@ -18,10 +18,10 @@ from PIL import Image
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.photo.pixels import Header
-from gauss2svg.pipeline import budgets as memory
-from gauss2svg.pipeline.budgets import Load, free_bytes, load_of, memory_limit, size_that_fits
+from gauss2svg.pipeline import run as memory
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import Load, free_bytes, load_of, memory_limit, size_that_fits
 
 SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
 LOADS = st.builds(

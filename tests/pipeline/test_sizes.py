@@ -17,9 +17,9 @@ from PIL import Image
 from gauss2svg.measure.check import check
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.pixels import Header
-from gauss2svg.pipeline.budgets import MEASURED_PIXELS, load_of, measured_size
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import MEASURED_PIXELS, load_of, measured_size
 
 SIDES = st.integers(1, 20_000)
 LARGE = 10_000
@@ -29,7 +29,7 @@ SMALL = {"quality": "draft", "gaussians": 40, "iterations": 20, "max_size": 60}
 @pytest.fixture(autouse=True, scope="module")
 def _large_is_small():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gauss2svg.pipeline.budgets.MEASURED_PIXELS", LARGE)
+        patch.setattr("gauss2svg.pipeline.run.MEASURED_PIXELS", LARGE)
         yield
 
 

@@ -11,7 +11,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics
 from gauss2svg.measure.perceptual import ssimulacra2
 from gauss2svg.pipeline import plan
-from gauss2svg.pipeline.limits import ENOUGH
+from gauss2svg.pipeline.by_count import ENOUGH
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.outcome import Export, Exporter, Subject
 from gauss2svg.raster import rasterize, rasterize_like
