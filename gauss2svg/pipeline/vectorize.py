@@ -283,13 +283,13 @@ def vectorize_by(
     del photo  # frees the photo's pixels, which may be many
     with run.threaded():
         outcome = best_of(_outcomes(plan, run, subject), plan, run)
-    # Every search prunes its file until it is within the limit. So this one has no shapes left.
-    if (limit := plan.goal.byte_limit) is not None and outcome.file.size > limit:
-        raise limit_error(outcome.file.size, limit)
-    run.notify("measure")
-    report = run_report(plan, measured, outcome, run)
-    svg, scene = outcome.file.svg, outcome.file.scene
-    return Result(svg, scene, report, outcome.raster, pixels, subject.document)
+        file, limit = outcome.file, plan.goal.byte_limit
+        # Every search prunes its file until it is within the limit. So this one has no shapes left.
+        if limit is not None and file.size > limit:
+            raise limit_error(file.size, limit)
+        run.notify("measure")
+        report = run_report(plan, measured, outcome, run)
+    return Result(file.svg, file.scene, report, outcome.raster, pixels, subject.document)
 
 
 def _check_start(plan: Plan, start: Scene) -> None:
