@@ -39,15 +39,7 @@ from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.fit.session import FitSession
 from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, psnr_of, shrunk, views
-from gauss2svg.pipeline.outcome import (
-    Export,
-    Exporter,
-    Outcome,
-    Subject,
-    filled,
-    limit_error,
-    scaled_to,
-)
+from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject, filled, scaled_to
 from gauss2svg.pipeline.palette import Rows
 from gauss2svg.pipeline.plan import INDISTINGUISHABLE, SHAPE_BYTES, Plan
 from gauss2svg.pipeline.run import Run
@@ -87,8 +79,7 @@ class ByBytes:
         flat = [self._file(empty, unit, digits) for digits in HEX_DIGITS]
         self.flat = min(flat, key=attrgetter("size"))
         self._shape_bytes = self._limit - self.flat.size  # bytes left for shapes
-        if self._shape_bytes < 0:
-            raise limit_error(self.flat.size, self._limit)
+        plan.check_limit(self.flat.size)
         # For each tuple of exponents, the bytes per shape in the last file with these exponents.
         self._each: dict[Exponents, float] = {}
         self._set_up()

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.errors import InputError, refusal
 from gauss2svg.fit import PERCEPTUAL, FitResult, Tune
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
@@ -314,12 +313,6 @@ class Outcome:
     def psnr(self) -> float:
         """PSNR in dB of the rasterised file against the photo."""
         return self.subject.psnr(self.raster, self.subject.photo)
-
-
-def limit_error(size: int, limit: int) -> InputError:
-    """Return the error for a limit below `size`, the bytes of a file without Gaussians."""
-    needed = f"at least {size}, the bytes of a file without Gaussians"
-    return refusal("max_bytes", needed, str(limit), str(size))
 
 
 def best_of(searched: Iterable[Outcome], plan: Plan, run: Run) -> Outcome:

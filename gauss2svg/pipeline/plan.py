@@ -229,6 +229,12 @@ class Plan:
         """Raise RendererError if the renderer that draws the file is not installed."""
         renderer_version(self.options.run.renderer)
 
+    def check_limit(self, size: int) -> None:
+        """Raise InputError if the limit of bytes is below the size of a file without Gaussians."""
+        if (limit := self.goal.byte_limit) is not None and size > limit:
+            needed = f"at least {size}, the bytes of a file without Gaussians"
+            raise refusal("max_bytes", needed, str(limit), str(size))
+
     @cached_property
     def preset(self) -> Preset:
         """Preset of the run.

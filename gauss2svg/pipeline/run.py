@@ -223,8 +223,6 @@ COLORS_GAUSSIAN = 7e-5
 # fit has more Gaussians instead. For a photo, doubling the number of Gaussians improves the picture
 # more than doubling the number of steps does.
 STEPS = 100
-# With a time limit, areas are searched in a picture of so many pixels for each second.
-AREA_PIXELS_A_SECOND = 40_000
 # A fit has at least this number of Gaussians. If the time is too short for them, the fit has fewer
 # steps instead.
 FEWEST = 150
@@ -383,6 +381,11 @@ class Run:
         self.ended, self.budget = False, TimeBudget()
         self.reduced_bytes: int | None = None
         self._stop, self._progress, self._max_pixels = stop, progress, options.max_pixels
+
+    def limit_time(self, seconds: float, pixels: int, measured: int, steps: int | None) -> None:
+        """Begin the time budget of a run. The other arguments are fields of TimeBudget."""
+        deadline = self.started + seconds
+        self.budget = TimeBudget(deadline, pixels, measured, self.threads, steps or STEPS)
 
     def notify(self, phase: str, fit: FitProgress | None = None) -> None:
         """Report the phase of the run and the state of the fit to `progress`."""

@@ -22,20 +22,11 @@ from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
 from gauss2svg.photo.pixels import Header, Photo, averaged, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
-from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, limit_error
+from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
-from gauss2svg.pipeline.run import (
-    AREA_PIXELS_A_SECOND,
-    STEPS,
-    Load,
-    Run,
-    TimeBudget,
-    load_of,
-    size_that_fits,
-    watched,
-)
+from gauss2svg.pipeline.run import Load, Run, load_of, size_that_fits, watched
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import inks_in
@@ -47,6 +38,8 @@ from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
 if TYPE_CHECKING:
     from gauss2svg.pipeline.plot import Plot
 
+# With a time limit, areas are searched in a picture of so many pixels for each second.
+AREA_PIXELS_A_SECOND = 40_000
 WHOLE_DRAWING = 2**20  # px up to which areas are found in a picture that is not reduced
 
 
@@ -283,10 +276,9 @@ def vectorize_by(
     del photo  # frees the photo's pixels, which may be many
     with run.threaded():
         outcome = best_of(_outcomes(plan, run, subject), plan, run)
-        file, limit = outcome.file, plan.goal.byte_limit
-        # Every search prunes its file until it is within the limit. So this one has no shapes left.
-        if limit is not None and file.size > limit:
-            raise limit_error(file.size, limit)
+        file = outcome.file
+        # Every search prunes its file until it is within the limit, or until no shapes are left.
+        plan.check_limit(file.size)
         run.notify("measure")
         report = run_report(plan, measured, outcome, run)
     return Result(file.svg, file.scene, report, outcome.raster, pixels, subject.document)
@@ -361,13 +353,11 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
 
     The exact file of pixel art comes before all others.
     """
-    limit, steps = plan.goal.time_limit, plan.options.fit.iterations
-    if limit is not None:
+    if (limit := plan.goal.time_limit) is not None:
         if plan.in_areas:
             subject = subject.reduced(AREA_PIXELS_A_SECOND * limit)
-        pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
-        deadline = run.started + limit
-        run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps or STEPS)
+        sizes = math.prod(subject.size), math.prod(subject.photo.shape[:2])
+        run.limit_time(limit, *sizes, plan.options.fit.iterations)
     if subject.sprite is not None:
         from gauss2svg.pipeline.by_pixels import exact  # few pictures are pixel art
 

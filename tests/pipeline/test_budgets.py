@@ -6,22 +6,19 @@ import itertools
 import math
 import time
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from flat import fit_config, session_of, vectorize
-from pictures import antialiased_badge, smile
+from pictures import smile
 from skimage import data
 
 from gauss2svg.fit.session import FitSession, Snapshot
-from gauss2svg.measure import metrics
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.plan import PRESETS, USUAL_BYTES, Plan
 from gauss2svg.pipeline.run import Run, TimeBudget, pixels_within
-from gauss2svg.render import render
 
 DECIDED_BY_8_BITS = 50.0  # dB, from which the rounding of renderers decides: decisions/monotone.md
 
@@ -50,14 +47,6 @@ def test_more_seconds_are_never_worse(kind, photo, work_clock):
     assert all(b > a - 0.1 for a, b in pairwise(psnr))
     assert psnr[-1] >= min(psnr[0] + 1, DECIDED_BY_8_BITS)
     assert found[0]["gaussians"] < found[-1]["gaussians"]
-
-
-def test_seconds_beyond_what_pays_are_not_taken(work_clock):
-    picture = antialiased_badge(96)[::6, ::6]
-    long, longer = (vectorize(picture, time_limit=t, areas="never").report for t in (100, 200))
-    assert long["psnr_svg"] == longer["psnr_svg"]
-    assert long["stop_reason"] == longer["stop_reason"] != "time_limit"
-    assert long["unreached"] == []
 
 
 @pytest.mark.sweep
@@ -162,27 +151,7 @@ def test_growth_at_most_doubles_and_stops_at_its_limit(limits, least, most, reas
     assert all(a < b <= 2 * a for a, b in itertools.pairwise(counts))
 
 
-def exported(size, score, count=100):
-    """An export of so many bytes, as far as limits look at one."""
-    return SimpleNamespace(size=size, score=score, scene=range(count))
-
-
 FEW_BYTES = {"max_bytes": 10**5, "markup": "editable"}
-
-
-@pytest.mark.parametrize(
-    ("found", "best"),
-    [
-        ([(70, 34.3), (59, 28.4), (50, 24.0)], 59),  # near the goal of 28 dB, also if larger
-        ([(70, 30.9), (59, 27.3)], 59),  # the smaller of two that are near
-        ([(90, 43.0), (70, 34.3), (50, 24.0)], 70),  # the smaller of those beyond
-        ([(50, 24.0), (40, 23.0)], 50),  # the nearest below
-    ],
-)
-def test_best_export_is_the_smallest_near_the_goal(found, best):
-    limits = limits_by(Plan(Options.from_flat({"quality": "draft"})))
-    exports = [exported(*one) for one in found]
-    assert limits.best(exports).size == best  # pyright: ignore[reportArgumentType]
 
 
 def fitted(pixels, limits, iterations=60) -> FitSession:
@@ -202,8 +171,3 @@ def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
     assert 1 <= counts[1] <= 30
     assert counts[2] > 300
     assert len(fitted(noise, limits_of(0.5, 36.0, 2000)).state) < 10
-
-
-def test_enough_is_about_what_the_fit_ends_at(photo):
-    session = fitted(photo, limits_of(enough=28.0, cap=5000), 150)
-    assert metrics.psnr(render(session.scene()), photo) == pytest.approx(28.0, abs=1.3)

@@ -108,17 +108,6 @@ def test_nothing_is_done_at_the_size_of_a_large_photo():
     assert peak < 12 * 1600 * 1200  # of one array of its samples as float32
 
 
-def test_bytes_go_as_far_for_a_large_photo_as_for_the_same_one_reduced():
-    pixels = load_image(jpeg(48, 32)).pixels
-    enlarged = np.kron(pixels, np.ones((4, 4, 1), np.float32))
-    small, large = (
-        vectorize(one, max_bytes=500, iterations=3, areas="never").report
-        for one in (pixels, enlarged)
-    )
-    assert large["gaussians"] >= 0.95 * small["gaussians"] - 1
-    assert (large["width"], small["width"]) == (192, 48)
-
-
 @pytest.mark.parametrize(
     ("size", "is_turned", "given"),
     [

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from flat import vectorize
 
-from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.pixels import stacked
 from gauss2svg.pipeline.by_bytes import ByBytes, recolored
@@ -17,7 +16,7 @@ from gauss2svg.pipeline.plan import AUTO_MINIMAL, BY_BYTES_UP_TO, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render, render_rgba
-from gauss2svg.scene import PLAIN, SOFT, Scene
+from gauss2svg.scene import Scene
 
 FEW_STEPS = 15  # for what says nothing of how close a fit comes
 
@@ -95,21 +94,6 @@ def test_a_file_has_gaussians_wherever_one_fits():
         assert (len(file.scene) > 0) == (more > 0)
 
 
-def test_a_limit_under_an_empty_file_names_the_least_that_is_possible(tmp_path, refusal):
-    (tmp_path / "photo.png").write_bytes(as_png(hills()))
-    least = search(hills(), 1000).flat.size
-    line = refusal(tmp_path / "photo.png", "--max-bytes", least - 1, "-o", tmp_path / "o.svg")
-    assert line.startswith(f"gauss2svg: --max-bytes must be at least {least}, ")
-    assert not (tmp_path / "o.svg").exists()
-
-
-def test_a_picture_of_one_colour_needs_no_gaussian():
-    picture = np.full((20, 30, 3), np.array([110, 119, 110]) / 255, np.float32)
-    report = vectorize(picture, max_bytes=2000, iterations=FEW_STEPS).report
-    assert (report["gaussians"], report["largest_error_svg"]) == (0, 0)
-    assert (report["stop_reason"], report["unreached"]) == ("gain", [])
-
-
 def test_a_transparent_photo_stays_transparent():
     picture = shapes()
     alpha = (np.abs(picture - 0.9).max(axis=2) > 0.1).astype(np.float32)
@@ -170,18 +154,6 @@ def test_solved_colours_are_writable_and_beat_any_nearby(digits, focused, alpha)
         k, channel = rng.integers(6), rng.integers(3)
         moved[k, channel] = np.clip(moved[k, channel] + rng.choice([-1, 1]) / levels, 0, 1)
         assert error_of(found.replace(color=moved)) >= error * (1 - 1e-4)
-
-
-def test_plain_ellipses_are_planned_as_renderers_draw_them():
-    picture = shapes()
-    found = search(picture, 400, iterations=FEW_STEPS).run()
-    scene = found.file.scene
-    assert (scene.drawn == PLAIN).all()
-    raster = rasterize_like(found.file.svg, picture)
-    soft = scene.replace(drawn=np.full(len(scene), SOFT))
-    model, falloff = (render(one, 64, 64) for one in (scene, soft))
-    assert psnr(model, raster) > psnr(falloff, raster) + 1
-    assert psnr(model, raster) > 40
 
 
 def test_a_search_that_is_stopped_early_has_a_file_with_shapes():
