@@ -88,14 +88,22 @@ def nearest_inks(colors: Any, inks: str) -> NDArray[np.float64]:
     return table[nearest_entry(table, np.asarray(colors, np.float64))[1]]
 
 
-def areas_in_inks(areas: Iterable[Area], inks: str) -> tuple[Area, ...]:
-    """Return areas of one ink each. Those that are nearly transparent are left out."""
+def areas_in_inks(areas: Iterable[Area], inks: str, banded: bool = False) -> tuple[Area, ...]:
+    """Return opaque areas in inks. Those that are nearly transparent are left out.
 
-    def ink(paint: Paint) -> Color:
-        color = paint if isinstance(paint, tuple) else np.mean(paint.colors, axis=0)
-        return _nearest(color, inks)
+    banded  whether gradients become bands of inks. Otherwise they get the ink nearest to their mean
+    """
 
-    return _opaque(areas, ink)
+    def ink(paint: Paint) -> Paint:
+        if isinstance(paint, tuple):
+            return _nearest(paint, inks)
+        return _banded(paint, inks) if banded else _nearest(np.mean(paint.colors, axis=0), inks)
+
+    return tuple(
+        dataclasses.replace(area, paint=ink(area.paint), opacity=1.0)
+        for area in areas
+        if area.opacity >= OPAQUE
+    )
 
 
 def found_in_inks(found: FoundAreas, inks: str) -> FoundAreas:
@@ -110,11 +118,7 @@ def picture_in_inks(found: FoundAreas, inks: str, width: int, height: int) -> ND
 
     It is (h, w, 3), or (h, w, 4) without a background. Only antialiased pixels mix inks.
     """
-
-    def ink(paint: Paint) -> Paint:
-        return _nearest(paint, inks) if isinstance(paint, tuple) else _banded(paint, inks)
-
-    scene = Scene(width, height, areas=_opaque(found.areas, ink))
+    scene = Scene(width, height, areas=areas_in_inks(found.areas, inks, banded=True))
     if found.background is None:
         return render_rgba(scene.replace(transparent=True), width, height).astype(np.float32)
     scene = scene.replace(background=np.array(_nearest(found.background, inks)))
@@ -128,15 +132,6 @@ def sprite_in_inks(sprite: Sprite, inks: str) -> Sprite:
     levels = np.where(sprite.levels[:, 3:] < 255 * OPAQUE, 0, opaque)
     levels, entry = np.unique(levels, axis=0, return_inverse=True)
     return sprite._replace(cells=entry.ravel()[sprite.cells], levels=levels)
-
-
-def _opaque(areas: Iterable[Area], ink: Callable[[Paint], Paint]) -> tuple[Area, ...]:
-    """Return opaque areas with another paint in place of each paint."""
-    return tuple(
-        dataclasses.replace(area, paint=ink(area.paint), opacity=1.0)
-        for area in areas
-        if area.opacity >= OPAQUE
-    )
 
 
 def _nearest(color: Any, inks: str) -> Color:

@@ -345,13 +345,8 @@ class Plan:
         asked, limit = self.options.svg.markup, self.uncompressed_limit
         if asked != AUTO:
             return asked
-        small = limit is not None and limit <= AUTO_MINIMAL
-        return MINIMAL if small and self.may_be_minimal else EDITABLE
-
-    @property
-    def may_be_minimal(self) -> bool:
-        """Whether the renderer draws minimal files, and no option needs an editable file."""
-        return self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
+        is_able = self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
+        return MINIMAL if is_able and limit and limit <= AUTO_MINIMAL else EDITABLE
 
     @cached_property
     def by_bytes(self) -> bool:

@@ -47,7 +47,9 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
     scored |= {**_by_focus(outcome), "psnr_photo": psnr_photo}
     total_s = time.perf_counter() - run.started
     counts, found = AreaCounts.of(file.scene.areas), outcome.found
-    text = json.dumps(options.of_picture(), sort_keys=True)
+    text, pixels = json.dumps(options.of_picture(), sort_keys=True), pixels_of(photo)
+    digest = hashlib.sha256(str(pixels.shape).encode())
+    digest.update(np.ascontiguousarray(pixels, "<f4").data)
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
@@ -93,7 +95,8 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
         "paint_width": shown,
         "transparent": photo.alpha is not None,
         "notes": [*photo.notes, *_notes(plan, photo, outcome, psnr_photo)],
-        "pixels_sha256": _pixels_sha256(pixels_of(photo)),
+        # The digest of the shape of the pixels as text, and of their float32 bytes.
+        "pixels_sha256": digest.hexdigest(),
         # The digest of the options that change a file, as JSON with sorted names.
         "options_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "versions": dict(_versions()),
@@ -112,13 +115,6 @@ def _scores(plan: Plan, outcome: Outcome, run: Run) -> Scores:
     known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.file.score}
     free_bytes = run.most_bytes - held_bytes()
     return perceptual_scores(outcome.raster, outcome.subject.photo, free_bytes, known)
-
-
-def _pixels_sha256(pixels: NDArray[np.float32]) -> str:
-    """Return the digest of pixels (h, w, c): of their shape as text, and of their float32 bytes."""
-    digest = hashlib.sha256(str(pixels.shape).encode())
-    digest.update(np.ascontiguousarray(pixels, "<f4").data)
-    return digest.hexdigest()
 
 
 def _colors(scene: Scene) -> int:
