@@ -80,8 +80,6 @@ class ByBytes:
         self.flat = min(flat, key=attrgetter("size"))
         self._shape_bytes = self._limit - self.flat.size  # bytes left for shapes
         plan.check_limit(self.flat.size)
-        # For each tuple of exponents, the bytes per shape in the last file with these exponents.
-        self._each: dict[Exponents, float] = {}
         self._set_up()
         self._is_late = False
         self.best = max(
@@ -157,15 +155,10 @@ class ByBytes:
     def _count(self, exponents: Exponents) -> int:
         """Return the number of shapes to fit so that their file fills the limit.
 
-        This number is estimated from the bytes per shape of the last file with these exponents.
+        Too many shapes do less harm than too few, because the file loses little if the least useful
+        ones are left out. Usually those are 3 % of them.
         """
-        expected = self._expected(exponents)
-        # Too many shapes do less harm than too few, because the file loses little if the least
-        # useful ones are left out. So a shape is never assumed to take more than the expected
-        # bytes, even if it did so in the last file.
-        each = min(self._each.get(exponents, expected), expected)
-        # The least useful of 3 % more shapes are left out of the file.
-        count = 1.03 * self._shape_bytes / each - DEFINITION * len(exponents)
+        count = 1.03 * self._shape_bytes / self._expected(exponents) - DEFINITION * len(exponents)
         return int(min(max(count, 1), self._most))
 
     def _fit(self, count: int, init: str, exponents: Exponents, rate: float) -> Scene:
@@ -222,13 +215,9 @@ class ByBytes:
             write = partial(write_in, unit, digits)
             whole = write(len(fitted))
             file = filled(write, (0, self.flat.size), (len(fitted), whole), self._limit)
-            if best is self.flat or file.score > best.score:
-                shapes = len(fitted) + DEFINITION * len(exponents)
-                each = (whole.size - self.flat.size) / shapes
-                # If most shapes are too small or too faint to be written, the file has very few
-                # bytes per shape. The next fit must not rely on this.
-                self._each[exponents] = max(each, self._expected(exponents) / 3)
-                best = file if file.size <= self._limit else best
+            is_best = best is self.flat or file.score > best.score
+            if is_best and file.size <= self._limit:
+                best = file
             if file is whole:
                 break
         return best

@@ -403,7 +403,9 @@ class ByCount(DensificationPolicy):
         in_time = max(self._budget.most_gaussians(1.0), count)
         counts = {self._cap_reason: float(self._most), "time_limit": in_time}
         if limit is not None:
-            counts["max_bytes"] = self._filling(limit, count, exports)
+            if count:
+                self._bytes_each = self._exporter.bytes_each(last.scene, limit)
+            counts["max_bytes"] = self._in_bytes(limit)
             if count and last.size > (TOO_LARGE if plan.aim else FULL) * limit:
                 self.stop_reason = "max_bytes"
                 # A file that is little too large will be pruned.
@@ -442,23 +444,6 @@ class ByCount(DensificationPolicy):
         # (docs/decisions/monotone.md).
         doublings = (search.margin - excess) / self._slope_of(exports)
         return round(count * portable.power(2, min(max(doublings, -2.0 if is_aim else -0.5), 2.0)))
-
-    def _filling(self, limit: int, count: int, exports: Sequence[Export]) -> int:
-        """Return the count that is expected to fill the limit of bytes.
-
-        It is interpolated between the largest file within the limit and the smallest file above it.
-        If all files so far are on one side of the limit, it is estimated from the bytes per shape
-        of the last file.
-        """
-        size = attrgetter("size")
-        below = max((e for e in exports if e.size <= limit), key=size, default=None)
-        above = min((e for e in exports if e.size > limit), key=size, default=None)
-        if below is not None and above is not None and len(below.scene) < len(above.scene):
-            share = (limit - below.size) / (above.size - below.size)
-            return int(len(below.scene) + share * (len(above.scene) - len(below.scene)))
-        if count:
-            self._bytes_each = self._exporter.bytes_each(exports[-1].scene, limit)
-        return self._in_bytes(limit)
 
     def _slope_of(self, exports: Sequence[Export]) -> float:
         """Return the gain of the score per doubling of the count.

@@ -354,9 +354,7 @@ class Plan:
         fit, svg, limit = self.options.fit, self.options.svg, self.uncompressed_limit
         is_small = limit is not None and limit <= BY_BYTES_UP_TO and self.markup == MINIMAL
         is_usual = self.options.densify == DensifyOptions() and fit.loss == DEFAULT_LOSS
-        is_usual = (
-            is_usual and fit.blend == OVER and svg.palette is svg.stops is svg.precision is None
-        )
+        is_usual &= fit.blend == OVER and svg.palette is svg.stops is svg.precision is None
         return is_small and is_usual and not (self.in_inks or self.starts or self.aim)
 
     def searches(self) -> list[Plan]:

@@ -134,13 +134,6 @@ def test_shapes_are_scaled_to_the_photo_and_a_target_gets_more_of_them():
     assert grown["gaussians"] > 40
 
 
-def test_other_options_hold_for_the_shapes_of_the_start():
-    photo = small("coffee", PART)
-    start = vectorize(photo, gaussians=40).scene
-    assert (start.beta != 1).any()
-    assert (vectorize(photo, gaussians=40, falloff="gaussian", start=start).scene.beta == 1).all()
-
-
 @pytest.mark.parametrize(("shape", "channels"), [((1, 1), 4), ((1, 40), 3)])
 def test_any_scene_is_a_start_for_any_photo(shape, channels):
     photo = np.random.default_rng(0).random((*shape, channels))

@@ -65,15 +65,6 @@ def test_a_limit_of_the_bytes_of_a_preset_is_not_worse_than_the_preset():
     assert np.mean(behind) < 0.2
 
 
-@pytest.mark.sweep
-def test_a_preset_beside_a_limit_of_seconds_is_a_cap(photo, work_clock):
-    alone = vectorize(photo, time_limit=0.5).report
-    capped = vectorize(photo, time_limit=0.5, quality="draft").report
-    draft = vectorize(photo, quality="draft").report
-    assert capped["gaussians"] <= PRESETS["draft"].cap < alone["gaussians"]
-    assert capped["psnr_svg"] == pytest.approx(draft["psnr_svg"], abs=0.3)
-
-
 def test_a_limit_of_gzipped_bytes_is_on_what_travels(photo):
     given = {"max_bytes": 1_500, "iterations": 8, "markup": "editable"}
     photo = photo[::2, ::2]
