@@ -33,10 +33,10 @@ from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import shrunk
 from gauss2svg.pipeline import found as changes
 from gauss2svg.pipeline.by_count import ENOUGH, ByCount
+from gauss2svg.pipeline.found import SEEN_UP_TO, Trial, Trials, nothing, scene_of
 from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, filled, scaled_to
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.pipeline.trials import SEEN_UP_TO, Trial, Trials, nothing, scene_of
 from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import ABOVE
 from gauss2svg.scene.areas import Area, AreaCounts
