@@ -1,4 +1,4 @@
-"""What becomes of the areas that were found in a picture: trials of Gaussians, equal colours, inks.
+"""Changes to found areas, and trials of what Gaussians save beside them: colours, inks, films.
 
 A trial on a small picture tells what some Gaussians save below, above or in place of areas. Nearly
 equal colours become one.
