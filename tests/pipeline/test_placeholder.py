@@ -81,8 +81,8 @@ def test_a_transparent_photo_loses_its_placeholder_when_it_has_come():
 
 
 def test_the_form_that_is_used_can_have_the_bytes(picture):
-    found = gauss2svg.placeholder(picture, 460, bytes_of="inline")
-    assert len(found.inline) <= 460
+    found = gauss2svg.placeholder(picture, 700, bytes_of="data_uri_base64")
+    assert len(found.data_uri_base64) <= 700
     assert found.gaussians > 0
     for given in ({"bytes_of": "gzip"}, {"max_bytes": "21k"}):
         with pytest.raises(InputError, match=f"{next(iter(given))} must be"):
