@@ -20,9 +20,9 @@ from common import command_line, head, line
 from PIL import Image
 
 from gauss2svg.photo.load import header_of
-from gauss2svg.pipeline.budgets import load_of
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import load_of
 
 _RUN = """
 import json, sys

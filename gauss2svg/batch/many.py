@@ -33,10 +33,10 @@ from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputErr
 from gauss2svg.files import STANDARD_STREAM, as_json, reason_of
 from gauss2svg.options import Field, fields_of, file_name
 from gauss2svg.photo.pixels import Header
-from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.options import Goal, Options, unknown_keyword
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import counting
+from gauss2svg.pipeline.run import memory_limit
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.svg.file import file_bytes
@@ -267,8 +267,7 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
     process is assumed to need the memory for a photo of usual size, or the value of max_memory if
     that is larger. If max_memory is not set, the processes share the memory equally.
     """
-    from gauss2svg.pipeline.budgets import load_of
-    from gauss2svg.pipeline.run import thread_count
+    from gauss2svg.pipeline.run import load_of, thread_count
 
     usual = Header(4000, 3000, has_alpha=False)  # 12 megapixels, like a photo from a camera
     cores, free = thread_count(None), memory_limit(None)

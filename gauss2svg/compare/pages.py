@@ -28,8 +28,7 @@ from gauss2svg.errors import OutputError, instance, on_one_line
 from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
 from gauss2svg.options import file_name
-from gauss2svg.pipeline.budgets import memory_limit
-from gauss2svg.pipeline.run import thread_count
+from gauss2svg.pipeline.run import memory_limit, thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 

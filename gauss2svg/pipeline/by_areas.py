@@ -19,51 +19,26 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.clean import (
-    UNBLED,
-    cleaned,
-    coded,
-    decoded,
-    enlargement_of,
-    noise_of,
-    quality_of,
-)
-from gauss2svg.areas.find import (
-    RATE,
-    UNIT,
-    FoundAreas,
-    Glance,
-    NoDrawingError,
-    Progress,
-    find_areas,
-    refined,
-)
-from gauss2svg.areas.ringing import LEFT as BANDS_LEFT
-from gauss2svg.areas.ringing import is_rung, unrung, without_bands
+from gauss2svg.areas import clean, find, ringing
+from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import shrunk
-from gauss2svg.pipeline.by_count import ByCount
-from gauss2svg.pipeline.found import (
-    areas_in_inks,
-    found_in_inks,
-    kept,
-    picture_in_inks,
-    with_shared_colors,
-)
-from gauss2svg.pipeline.limits import ENOUGH
+from gauss2svg.pipeline import found as changes
+from gauss2svg.pipeline.by_count import ENOUGH, ByCount
+from gauss2svg.pipeline.found import SEEN_UP_TO, Trial, Trials, nothing, scene_of
 from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, filled, scaled_to
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.pipeline.trials import SEEN_UP_TO, Trial, Trials, nothing, scene_of
 from gauss2svg.raster import rasterize_like
-from gauss2svg.scene import ABOVE, Scene
+from gauss2svg.scene import ABOVE
 from gauss2svg.scene.areas import Area, AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, SvgFormat
 from gauss2svg.svg.write import ordered_svg
@@ -92,7 +67,7 @@ class ByAreas:
 
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
         width, height = subject.size
-        if (times := enlargement_of(subject.working)) > 1:
+        if (times := clean.enlargement_of(subject.working)) > 1:
             small = shrunk(subject.working, round(height / times), round(width / times), sharp=True)
             subject = dataclasses.replace(subject, working=small)
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
@@ -103,25 +78,27 @@ class ByAreas:
             least = max(LEAST_PRECISION, max(subject.canvas) / 20480)
             precision = min(max(scale * UNIT, least), MOST_PRECISION)
             plan = dataclasses.replace(plan, options=plan.options.changed(precision=precision))
-        self._noise, self._noisy, self._quality = noise_of(subject.working), subject.working, None
+        self._noisy = working = subject.working
+        self._noise, self._quality = clean.noise_of(working), None
         if self._noise:
-            self._quality = quality_of(subject.working)
-            subject = dataclasses.replace(subject, working=cleaned(subject.working, self._noise))
+            self._quality = clean.quality_of(working)
+            working = clean.cleaned(working, self._noise)
         # Whether the picture may have been reduced by a filter that overshoots
         is_known = not self._noise or self._quality is not None
-        self._is_rung = is_known and not plan.sketch and is_rung(self._noisy)
+        self._is_rung = is_known and not plan.sketch and ringing.is_rung(self._noisy)
         if self._is_rung and not self._noise:
-            subject = dataclasses.replace(subject, working=without_bands(self._noisy))
+            working = ringing.without_bands(working)
         # Whether areas match the photo itself
         self._is_as_given = times == 1 and not (self._noise or plan.sketch or plan.in_inks)
-        if plan.in_inks and subject.start is not None:
-            areas = areas_in_inks(subject.start.areas, str(plan.options.fit.inks))
-            subject = dataclasses.replace(
-                subject, start=subject.start.select([]).replace(areas=areas)
-            )
+        start = subject.start
+        if start is not None and plan.in_inks:
+            areas = changes.areas_in_inks(start.areas, str(plan.options.fit.inks))
+            start = start.select([]).replace(areas=areas)
         self._rate = RATE * max(1.0, PRICE_OF_NOISE * self._noise)
+        subject = dataclasses.replace(subject, working=working, start=start)
         self._plan, self._subject, self._run = plan, subject, run
-        self._start = subject.start  # scene whose unchanged areas stay as they are
+        # Scene on the working canvas whose unchanged areas stay as they are
+        self._start = None if start is None else scaled_to(start, subject.size)
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
         self._is_cut = self._is_late = False
@@ -130,7 +107,7 @@ class ByAreas:
         self._so_far: FoundAreas | None = None  # areas before the picture was drawn in inks
         self._inks = plan.sketch  # inks that all areas get, "" if they have any colours
         # A picture with more even cores is no drawing. A smaller one may have fewer of them.
-        most = min(800, max(math.prod(subject.size) // 100, 100))
+        most = min(800, max(working[..., 0].size // 100, 100))
         self._most_cores = None if plan.prefers_areas else most
 
     def run(self) -> Outcome:
@@ -139,18 +116,18 @@ class ByAreas:
         If the file of a start is closer than what is made of it, that is returned.
         """
         outcome = self._search()
-        if (start := self._scaled_start()) is None:
+        unsure, psnr = self._is_lost, self._psnr(outcome)
+        is_limited = self._limit < math.inf or self._plan.aim is not None
+        # With a time limit, no time is left for two searches, and a preset asks for no more.
+        enough = math.inf if is_limited else self._plan.preset.stop_psnr - ENOUGH.too_little
+        if psnr < enough and not (unsure or self._plan.goal.time_limit or self._run.ended):
+            unsure = self._trials.shapes_win(outcome.file.size, self._trials.error_at(psnr))
+        outcome = dataclasses.replace(outcome, unsure=unsure)
+        if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
             return outcome
-        export = self._exporter.unscored(start)
-        if export.size > self._limit:
-            return outcome
-        fitted, measured = outcome.fitted.after(None, "start"), self._exporter.measured(export)
-        own = dataclasses.replace(outcome, file=export, measured=measured, fitted=fitted)
-        return max(outcome, own, key=lambda one: one.psnr)
-
-    def _scaled_start(self) -> Scene | None:
-        """Return the scene of the start, scaled to the working picture."""
-        return None if self._start is None else scaled_to(self._start, self._subject.size)
+        fitted, raster = outcome.fitted.after(None, "start"), self._exporter.raster(file.svg)
+        own = dataclasses.replace(outcome, file=file, raster=raster, fitted=fitted)
+        return max(outcome, own, key=attrgetter("psnr"))
 
     def _search(self) -> Outcome:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
@@ -163,18 +140,14 @@ class ByAreas:
         # If the search for shapes alone is stopped at once, the shapes of a short fit are the file.
         trial, subject = self._best() or self._trials.in_short(), self._subject
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        reason = run.end_reason("max_bytes" if self._is_cut else "gain", self._is_late)
+        reason = "time_limit" if self._is_late else "max_bytes" if self._is_cut else "gain"
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
         final = self._steady(self._rastered(trial))
-        run.notify("measure")
-        alone = Outcome(
-            self._plan, subject, final, fitted, self._exporter.measured(final),
-            corrections=max(self._tries - 1, 0), found=final.found,
-        )  # fmt: skip
+        alone = self._exporter.outcome(final, fitted, max(self._tries - 1, 0), final.found)
         aim = plan.aim
-        is_met = aim and aim.is_met_by(aim.score(alone.measured.raster, subject.photo))
+        is_met = aim and aim.is_met_by(aim.score(alone.raster, subject.photo))
         if self._ends() or is_met or not self._trials.wants_gaussians(trial):
-            return self._judged(alone)
+            return alone
         start = subject.start
         start = None if start is None else start.select(start.level == ABOVE) or None
         above = dataclasses.replace(subject, ground=trial.ground, start=start)
@@ -182,38 +155,33 @@ class ByAreas:
             options = plan.options.changed(gaussians=int(most) - len(trial.ground))
             plan = dataclasses.replace(plan, options=options)
         both = ByCount(plan, above, run).run()
-        above.release()
         is_closer = self._psnr(both) >= self._psnr(alone) + 0.02 or aim is not None
         if alone.file.size <= self._limit and not is_closer:
-            fitted = fitted.after(both.fitted, run.end_reason(reason))
-            return self._judged(dataclasses.replace(alone, fitted=fitted))
+            return dataclasses.replace(alone, fitted=fitted.after(both.fitted, reason))
         fitted = both.fitted.after(fitted, both.fitted.stop_reason)
         corrections = both.corrections + alone.corrections
-        both = dataclasses.replace(
-            both, subject=subject, found=trial.found, fitted=fitted, corrections=corrections
-        )
-        return self._judged(both)
+        return dataclasses.replace(both, found=trial.found, fitted=fitted, corrections=corrections)
 
     def _decode(self) -> None:
         """Take out of the picture what JPEG and a filter changed, as its areas tell."""
         noise, noisy, quality = 0.45 * self._noise, self._noisy, self._quality
-        code = None if quality is None else lambda drawn: coded(drawn, quality, noisy)
+        code = None if quality is None else lambda drawn: clean.coded(drawn, quality, noisy)
         for k in range(2):  # the areas of what is left are closer
-            found = self._found(self._areas)
+            found = self._found(self._areas())
             if self._ends() or found.drawing is None:
                 return
             working = None
             if self._is_rung:
-                working = unrung(noisy, found.areas, found.background, code)
+                working = ringing.unrung(noisy, found.areas, found.background, code)
                 self._is_rung = k > 0 or working is not None
             if working is None and quality is not None:
-                working = decoded(noisy, found.drawing.draw(), quality)
+                working = clean.decoded(noisy, found.drawing.draw(), quality)
             if working is None:
                 break
             if noise:
-                working = cleaned(working, noise, UNBLED)
+                working = clean.cleaned(working, noise, clean.UNBLED)
             else:
-                working = without_bands(working, BANDS_LEFT)
+                working = ringing.without_bands(working, ringing.LEFT)
             self._subject = dataclasses.replace(self._subject, working=working)
             self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
         if self._is_rung:
@@ -229,22 +197,12 @@ class ByAreas:
         areas, because it would have bands.
         """
         width, height = self._subject.size
-        found = self._so_far = self._found(self._areas)
+        found = self._so_far = self._found(self._areas())
         self._is_lost |= found.explained < 0.9 and self._most_cores is not None
         if not self._is_lost:
-            picture = picture_in_inks(found, inks, width, height)
+            picture = changes.picture_in_inks(found, inks, width, height)
             self._subject = dataclasses.replace(self._subject, working=picture)
         self._inks, self._quality, self._tries = inks, None, 0
-
-    def _judged(self, outcome: Outcome) -> Outcome:
-        """Return an outcome that knows whether shapes alone may be closer."""
-        plan, unsure, psnr = self._plan, self._is_lost, self._psnr(outcome)
-        is_limited = self._limit < math.inf or plan.aim is not None
-        # With a time limit, no time is left for two searches, and a preset asks for no more.
-        is_enough = not is_limited and psnr >= plan.preset.stop_psnr - ENOUGH.too_little
-        if not (unsure or is_enough or plan.goal.time_limit is not None or self._run.ended):
-            unsure = self._trials.shapes_win(outcome.file.size, psnr)
-        return dataclasses.replace(outcome, unsure=unsure)
 
     def _psnr(self, outcome: Outcome) -> float:
         """Return the PSNR (dB) of an outcome against the picture in which areas were searched."""
@@ -256,8 +214,7 @@ class ByAreas:
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found."""
         # Refined areas have .4 of the error, and take 4 bytes for each px of their edges.
-        psnr = -10 * portable.log10(max(0.4 * error / self._trials.values, 1e-12))
-        self._has_strips = self._trials.shapes_win(4.0 * edges, psnr)
+        self._has_strips = self._trials.shapes_win(4.0 * edges, 0.4 * error)
         if self._has_strips:
             raise _StripsError
 
@@ -269,9 +226,8 @@ class ByAreas:
         found, renderer = trial.found, self._plan.options.run.renderer
         has_shapes, ground = len(trial.ground) > 0, trial.ground.select([])
         # Other renderers take too long for a step of a fit.
-        if renderer != "resvg" or not found.areas or self._ends():
-            return trial
-        if has_shapes and not self._is_as_given:
+        is_fast = renderer == "resvg" and found.areas and not self._ends()
+        if not is_fast or (has_shapes and not self._is_as_given):
             return trial
 
         def rasterize(areas: tuple[Area, ...]) -> NDArray[np.float32]:
@@ -279,8 +235,8 @@ class ByAreas:
             svg = ordered_svg(ground.replace(areas=areas), file, Document())
             return rasterize_like(svg, self._subject.working, renderer)
 
-        picture, quality = self._noisy if self._quality else self._subject.working, self._quality
-        code = None if quality is None else lambda raster: coded(raster, quality, picture)
+        quality, picture = self._quality, self._noisy if self._quality else self._subject.working
+        code = None if quality is None else lambda raster: clean.coded(raster, quality, picture)
         areas = as_rasterized(picture, found.areas, found.background, rasterize, code)
         if areas is found.areas:
             return trial
@@ -295,17 +251,16 @@ class ByAreas:
 
     def _steady(self, trial: Trial) -> Trial:
         """Return a trial whose areas are those of the start where these draw the same."""
-        start, ground = self._scaled_start(), trial.ground
-        values = 3 * math.prod(self._subject.photo.shape[:2])
+        start, ground, photo = self._start, trial.ground, self._subject.photo
         if start is None or len(ground) or len(start) or self._ends():
             return trial
 
         def error_of(areas: tuple[Area, ...]) -> float:
             export = self._exporter.unscored(ground.replace(areas=areas))
             error = portable.power(10, -self._raster_psnr(export.svg) / 10)
-            return math.inf if export.size > self._limit else values * error
+            return math.inf if export.size > self._limit else 3 * photo[..., 0].size * error
 
-        return self._with_areas(trial, kept(ground.areas, start.areas, error_of))
+        return self._with_areas(trial, changes.kept(ground.areas, start.areas, error_of))
 
     def _raster_psnr(self, svg: str) -> float:
         """Return the PSNR (dB) of the raster of a file against the photo."""
@@ -313,7 +268,7 @@ class ByAreas:
 
     def _best(self) -> Trial | None:
         """Return the trial whose areas the file gets, or None if it gets no areas."""
-        first, start = self._found(self._searched, self._so_far), self._scaled_start()
+        first, start = self._found(self._searched, self._so_far), self._start
         if start is not None and not self._ends():
             start = start.replace(areas=first.areas)
             if model_psnr(start, self._subject.working) < SEEN_UP_TO:
@@ -324,11 +279,11 @@ class ByAreas:
         if self._is_lost:
             return None
         if self._has_strips:
-            shaded = self._trials.trial(self._found(lambda p: self._areas(p, shaded=True)))
+            shaded = self._trials.trial(self._found(self._areas(shaded=True)))
             return shaded if shaded.size <= self._limit else self._cut(shaded, True)
         trials = [self._trials.trial(first)]
         # At a PSNR below 25 dB, narrow bands of inks seem to be a gradient of one.
-        if self._plan.in_inks and trials[0].error > portable.power(10, -2.5) * self._trials.values:
+        if self._plan.in_inks and trials[0].error > self._trials.error_at(25):
             self._is_lost = True
             return None
         has_start = self._subject.start is not None
@@ -342,9 +297,7 @@ class ByAreas:
             trials[0] = dataclasses.replace(trials[0], found=found)
         if trials[0].shaded and not has_start and not self._ends():
             few = FEWER * len(first.areas)
-            found = self._found(
-                lambda p: self._areas(p, shaded=True), first, lambda new: len(new.areas) > few
-            )
+            found = self._found(self._areas(shaded=True), first, lambda one: len(one.areas) > few)
             if len(found.areas) <= few:
                 trial = self._trials.trial(found)
                 trials.append(dataclasses.replace(trial, cost=trial.cost / STRIPS))
@@ -371,7 +324,7 @@ class ByAreas:
             if self._subject.start is not None:
                 found = self._coarser(found, rate)
             else:
-                found = self._found(lambda p: self._areas(p, rate, shaded), found)
+                found = self._found(self._areas(rate, shaded), found)
             return self._trials.trial(found, 0)
 
         def goes_on() -> bool:
@@ -384,7 +337,7 @@ class ByAreas:
     def _coarser(self, found: FoundAreas, rate: float) -> FoundAreas:
         drawing, taken = found.drawing, (found.find_s, found.refine_s)
         assert drawing is not None
-        return self._found(lambda p: refined(drawing, rate, self._unit, p, 0, *taken), found)
+        return self._found(lambda p: find.refined(drawing, rate, self._unit, p, 0, *taken), found)
 
     def _is_over(self) -> bool:
         """Return whether the run has to end: it is stopped, or its time for fitting is over."""
@@ -441,23 +394,25 @@ class ByAreas:
             self._is_lost = True
         found = newest or nothing(self._subject.working)
         if self._inks:
-            return found_in_inks(found, self._inks)
-        return with_shared_colors(found, bool(self._noise))
+            return changes.found_in_inks(found, self._inks)
+        return changes.with_shared_colors(found, bool(self._noise))
 
     def _searched(self, progress: Progress) -> FoundAreas:
         """Return the areas of the picture, or those of the start, at the usual rate."""
-        if self._subject.start is None:
-            return self._areas(progress, glance=self._glance)
-        start, picture = scaled_to(self._subject.start, self._subject.size), self._subject.working
+        if self._subject.start is None or self._start is None:
+            return self._areas(glance=self._glance)(progress)
         # Its nodes are kept, and Gaussians draw the shading if it has any.
+        start, picture = self._start, self._subject.working
         areas, ground, shaded = start.areas, start.background, len(start) > 0
         return refined_areas(picture, areas, ground, 0.0, self._unit, progress, shaded)
 
     def _areas(
-        self, progress: Progress, rate: float | None = None, shaded: bool = False,
-        glance: Glance = lambda error, edges: None,
-    ) -> FoundAreas:  # fmt: skip
-        """Return the areas of the picture, at the usual rate unless another is given."""
+        self, rate: float | None = None, shaded: bool = False,
+        glance: find.Glance = lambda error, edges: None,
+    ) -> Callable[[Progress], FoundAreas]:  # fmt: skip
+        """Return a search for the areas of the picture, at the usual rate unless one is given."""
         picture, rate = self._subject.working, self._rate if rate is None else rate
-        most, focus = self._most_cores, self._subject.weight(picture)
-        return find_areas(picture, rate, self._unit, progress, shaded, most, glance, focus)
+        return lambda progress: find.find_areas(
+            picture, rate, self._unit, progress, shaded, self._most_cores, glance,
+            self._subject.weight(picture),
+        )  # fmt: skip

@@ -28,7 +28,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
 
@@ -39,9 +38,8 @@ from gauss2svg import portable
 from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.fit.session import FitSession
-from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, psnr_of, shrunk, views
-from gauss2svg.pipeline.outcome import Export, Outcome, Subject, filled, limit_error, scaled_to
+from gauss2svg.pipeline.outcome import Export, Exporter, Outcome, Subject, filled, scaled_to
 from gauss2svg.pipeline.palette import Rows
 from gauss2svg.pipeline.plan import INDISTINGUISHABLE, SHAPE_BYTES, Plan
 from gauss2svg.pipeline.run import Run
@@ -49,7 +47,6 @@ from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import color_weights
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.forms import with_falloffs
 from gauss2svg.svg.minimal import HEX_DIGITS, as_written, minimal_svg, whole_unit
 
@@ -65,24 +62,15 @@ class ByBytes:
     """A search for the best file within a plan's limit of bytes.
 
     subject     photo and canvas. The search replaces the working picture by a reduced one
-    bytes_of    function that takes the text of an SVG, and returns the number of bytes to which the
-                limit applies. None: the bytes of the file
     flat        smallest file without Gaussians
     best        best file so far. Its score is the PSNR of its raster in dB
     fits        results of the fits so far
     Raise InputError if a file without Gaussians exceeds the limit.
     """
 
-    def __init__(
-        self,
-        plan: Plan,
-        subject: Subject,
-        run: Run,
-        bytes_of: Callable[[str], int] | None = None,
-    ) -> None:
+    def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
         assert plan.goal.byte_limit is not None
         self._plan, self._run, self._limit = plan, run, plan.goal.byte_limit
-        self._bytes_of = bytes_of or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
         # A flat file needs only the mean colour.
         self.subject = dataclasses.replace(subject, working=shrunk(subject.photo, 1, 1))
         self.fits = list[FitResult]()
@@ -91,10 +79,7 @@ class ByBytes:
         flat = [self._file(empty, unit, digits) for digits in HEX_DIGITS]
         self.flat = min(flat, key=attrgetter("size"))
         self._shape_bytes = self._limit - self.flat.size  # bytes left for shapes
-        if self._shape_bytes < 0:
-            raise limit_error(self.flat.size, self._limit)
-        # For each tuple of exponents, the bytes per shape in the last file with these exponents.
-        self._each: dict[Exponents, float] = {}
+        plan.check_limit(self.flat.size)
         self._set_up()
         self._is_late = False
         self.best = max(
@@ -132,15 +117,6 @@ class ByBytes:
         self._most = min(cap for cap in caps if cap is not None)
 
     def run(self) -> Outcome:
-        """Search for the best file, and return it with its measurements."""
-        plan, subject, best = self._plan, self.subject, self.file()
-        self._run.notify("measure", None)
-        subject.release()
-        renderer, later_fits = plan.options.run.renderer, max(len(self.fits) - 1, 0)
-        measured = round_trip(best.svg, best.scene, subject.photo, renderer)
-        return Outcome(plan, subject, best, self._costs(), measured, later_fits)
-
-    def file(self) -> Export:
         """Search for the best file, and return it."""
         for init, rate, exponents in self._fits_to_do:
             if self.best.score > INDISTINGUISHABLE or not self._most or self._stop():
@@ -148,20 +124,18 @@ class ByBytes:
             fitted = self._fit(self._count(exponents), init, exponents, rate)
             written = self._rastered(self._written(fitted, exponents))
             self.best = max(self.best, written, key=attrgetter("score"))
-        return self.best
-
-    def _costs(self) -> FitResult:
-        """Return a result that has the costs of all fits, and the reason why the search ended."""
         count, reason = len(self.best.scene), "max_bytes"
-        if self.best.score > INDISTINGUISHABLE:
+        if self._is_late:
+            reason = "time_limit"
+        elif self.best.score > INDISTINGUISHABLE:
             reason = "enough"
         elif count == self._most:
             reason = "gaussians" if count == self._plan.goal.count else "cap"
-        reason = self._run.end_reason(reason, self._is_late)
         costs = FitResult(self.best.scene, 0, 0, 0.0, 0.0, 0, reason)
         for fitted in self.fits:
             costs = fitted.after(costs, reason)
-        return costs
+        later_fits = max(len(self.fits) - 1, 0)
+        return Exporter(self._plan, self.subject).outcome(self.best, costs, later_fits)
 
     def _stop(self) -> bool:
         """Return whether the search must end, and note whether it is for lack of time.
@@ -181,15 +155,10 @@ class ByBytes:
     def _count(self, exponents: Exponents) -> int:
         """Return the number of shapes to fit so that their file fills the limit.
 
-        This number is estimated from the bytes per shape of the last file with these exponents.
+        Too many shapes do less harm than too few, because the file loses little if the least useful
+        ones are left out. Usually those are 3 % of them.
         """
-        expected = self._expected(exponents)
-        # Too many shapes do less harm than too few, because the file loses little if the least
-        # useful ones are left out. So a shape is never assumed to take more than the expected
-        # bytes, even if it did so in the last file.
-        each = min(self._each.get(exponents, expected), expected)
-        # The least useful of 3 % more shapes are left out of the file.
-        count = 1.03 * self._shape_bytes / each - DEFINITION * len(exponents)
+        count = 1.03 * self._shape_bytes / self._expected(exponents) - DEFINITION * len(exponents)
         return int(min(max(count, 1), self._most))
 
     def _fit(self, count: int, init: str, exponents: Exponents, rate: float) -> Scene:
@@ -246,13 +215,9 @@ class ByBytes:
             write = partial(write_in, unit, digits)
             whole = write(len(fitted))
             file = filled(write, (0, self.flat.size), (len(fitted), whole), self._limit)
-            if best is self.flat or file.score > best.score:
-                shapes = len(fitted) + DEFINITION * len(exponents)
-                each = (whole.size - self.flat.size) / shapes
-                # If most shapes are too small or too faint to be written, the file has very few
-                # bytes per shape. The next fit must not rely on this.
-                self._each[exponents] = max(each, self._expected(exponents) / 3)
-                best = file if file.size <= self._limit else best
+            is_best = best is self.flat or file.score > best.score
+            if is_best and file.size <= self._limit:
+                best = file
             if file is whole:
                 break
         return best
@@ -262,7 +227,7 @@ class ByBytes:
         subject = self.subject
         scene, error = recolored(scene, subject.working, digits, subject.weight(subject.working))
         svg = minimal_svg(scene, unit, digits, subject.document)
-        return Export(scene, svg, self._plan.format, self._bytes_of(svg), psnr_of(error))
+        return Export(scene, svg, self._plan.format, subject.bytes_of(svg), psnr_of(error))
 
     def _rastered(self, file: Export) -> Export:
         """Return a file with the PSNR of its raster in place of that of its model."""

@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Iterator
 
 import numpy as np
 
 from gauss2svg.areas.find import FoundAreas
-from gauss2svg.areas.pixels import Sprite, areas_of_sprite
+from gauss2svg.areas.pixels import areas_of_sprite
 from gauss2svg.fit import FitResult
 from gauss2svg.pipeline.found import sprite_in_inks
 from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject
@@ -20,21 +19,23 @@ from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgFormat
 
 
-def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> Iterator[Outcome]:
-    """Yield the file of a sprite if it is within the limit of bytes, or else nothing.
+def exact(plan: Plan, subject: Subject, run: Run) -> Outcome | None:
+    """Return the file of a sprite if it is within the limit of bytes, and None otherwise.
 
     If the file is too large, it is tried without overlaps.
     """
-    if isinstance(inks := plan.options.fit.inks, str):
+    sprite, inks = subject.sprite, plan.options.fit.inks
+    assert sprite is not None
+    if isinstance(inks, str):
         sprite = sprite_in_inks(sprite, inks)
     exporter, limit = Exporter(plan, subject), plan.goal.byte_limit or math.inf
+    (width, height), (rows, columns) = subject.canvas, sprite.cells.shape
+    scale = width / (columns * sprite.side), height / (rows * sprite.side)
     for overlap in (True, False):
         run.notify("areas")
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         areas, ground = areas_of_sprite(sprite, overlap)
-        fitted_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        (width, height), (rows, columns) = subject.canvas, sprite.cells.shape
-        scale = width / (columns * sprite.side), height / (rows * sprite.side)
+        wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         scene = Scene(
             width, height, background=np.ones(3) if ground is None else np.array(ground),
             transparent=ground is None, areas=tuple(area.scaled(*scale) for area in areas),
@@ -42,12 +43,10 @@ def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> It
         run.notify("write")
         file = exporter.written(scene, _format(plan, scene))
         if file.size <= limit:
-            run.notify("measure")
-            measured = exporter.measured(file)
-            found = FoundAreas(areas, ground, 1.0, measured.scores["psnr_model"], fitted_s[0], 0.0)
-            fitted = FitResult(scene, 0, 0, *fitted_s, 0, "gain")
-            yield Outcome(plan, subject, file, fitted, measured, 0, found=found)
-            return
+            fitted = FitResult(scene, 0, 0, wall_s, cpu_s, 0, "gain")
+            found = FoundAreas(areas, ground, 1.0, math.inf, wall_s, 0.0)
+            return exporter.outcome(file, fitted, 0, found)
+    return None
 
 
 def _format(plan: Plan, scene: Scene) -> SvgFormat:

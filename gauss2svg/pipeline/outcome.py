@@ -13,23 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.errors import InputError, refusal
 from gauss2svg.fit import PERCEPTUAL, FitResult, Tune
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
-from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
+from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import Focus, has_alpha, shrunk, stacked
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import Run
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.svg import Document, SvgFormat
-from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
 if TYPE_CHECKING:
     from gauss2svg.areas.find import FoundAreas
+    from gauss2svg.areas.pixels import Sprite
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,8 @@ class Subject:
     start     scene whose shapes a search by count refines. None: the search fits new shapes
     ground    areas, and Gaussians among them, on the working canvas, below the shapes of the fits.
               None: there are none
+    sprite    cells of pixel art, None for other pictures
+    bytes_of  function that takes the text of an SVG, and returns the bytes that a limit counts
     """
 
     photo: NDArray[np.float32]
@@ -53,15 +55,9 @@ class Subject:
     focus: Focus | None = None
     start: Scene | None = None
     ground: Scene | None = None
+    sprite: Sprite | None = None
+    bytes_of: Callable[[str], int] = lambda svg: len(svg.encode())
     _targets: dict[Tune, Target] = field(default_factory=dict, init=False)
-
-    @classmethod
-    def of(cls, photo: NDArray[np.float32], canvas: tuple[int, int] | None = None) -> Self:
-        """Return a subject that is fitted at the photo's size.
-
-        canvas  width and height in px of the file. None: those of the photo
-        """
-        return cls(photo, photo, canvas or photo.shape[1::-1])
 
     def reduced(self, pixels: float) -> Self:
         """Return a subject that is fitted on at most so many pixels."""
@@ -114,7 +110,7 @@ class Subject:
         return np.concatenate([among, above[np.argsort(-cost, kind="stable")]])
 
     def release(self) -> None:
-        """Free the memory of the targets of fits. Call this after the last fit."""
+        """Free the memory of the targets of fits."""
         self._targets.clear()
 
 
@@ -192,7 +188,7 @@ class Exporter:
 
     def _bytes_above_ground(self, scene: Scene) -> int:
         svg = write_svg(scene, self._plan.format, self._subject.document)
-        return max(self._size(svg) - self.empty_bytes, 1)
+        return max(self._subject.bytes_of(svg) - self.empty_bytes, 1)
 
     @cached_property
     def empty_bytes(self) -> int:
@@ -202,10 +198,7 @@ class Exporter:
             empty = Scene(*canvas, transparent=has_alpha(self._subject.photo))
         else:
             empty = ground.scaled(canvas[0] / ground.width, canvas[1] / ground.height)
-        return self._size(write_svg(empty, self._plan.format, self._subject.document))
-
-    def _size(self, svg: str) -> int:
-        return len(file_bytes(svg, self._plan.counts_gzipped))
+        return self._subject.bytes_of(write_svg(empty, self._plan.format, self._subject.document))
 
     def unscored(self, scene: Scene) -> Export:
         """Write a scene that is on the working canvas. The score of the export is NaN."""
@@ -218,13 +211,15 @@ class Exporter:
         """Write a quantised scene. Its shapes are then in the order of the file."""
         scene = in_file_order(scene, form, self._subject.document)
         svg = ordered_svg(scene, form, self._subject.document)
-        return Export(scene, svg, form, self._size(svg))
+        return Export(scene, svg, form, self._subject.bytes_of(svg))
 
-    def measured(self, export: Export) -> RoundTrip:
-        """Return the measurements of a file against the photo."""
-        renderer, raster = self._plan.options.run.renderer, self.raster(export.svg)
-        photo = self._subject.photo
-        return round_trip(export.svg, export.scene, photo, renderer, raster=raster)
+    def outcome(
+        self, file: Export, fitted: FitResult, corrections: int, found: FoundAreas | None = None
+    ) -> Outcome:
+        """Return the outcome of a search that chose a file, and free the targets of its fits."""
+        self._subject.release()
+        raster = self.raster(file.svg)
+        return Outcome(self._plan, self._subject, file, fitted, raster, corrections, found)
 
     def export(self, scene: Scene) -> Export:
         """Write a scene that is on the working canvas, and return the file with its score."""
@@ -293,10 +288,13 @@ def filled(
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The file that a search chose, with its measurements and costs.
+    """The file that a search chose, with its raster and costs.
 
     plan         plan of the search
     subject      subject of the search
+    fitted       result with the costs of all fits. Its stop_reason says what ended the search,
+                 without regard to the user and to targets
+    raster       raster of the file at the photo's size
     corrections  number of times that the number of Gaussians was changed after the fit
     found        areas on the working canvas, with the costs of finding them. None without areas
     unsure       whether shapes alone may be closer than the areas of this outcome
@@ -306,7 +304,7 @@ class Outcome:
     subject: Subject
     file: Export
     fitted: FitResult
-    measured: RoundTrip
+    raster: NDArray[np.float32]
     corrections: int
     found: FoundAreas | None = None
     unsure: bool = False
@@ -314,24 +312,19 @@ class Outcome:
     @cached_property
     def psnr(self) -> float:
         """PSNR in dB of the rasterised file against the photo."""
-        return self.subject.psnr(self.measured.raster, self.subject.photo)
+        return self.subject.psnr(self.raster, self.subject.photo)
 
 
-def limit_error(size: int, limit: int) -> InputError:
-    """Return the error for a limit below `size`, the bytes of a file without Gaussians."""
-    needed = f"at least {size}, the bytes of a file without Gaussians"
-    return refusal("max_bytes", needed, str(limit), str(size))
-
-
-def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
+def best_of(searched: Iterable[Outcome], plan: Plan, run: Run) -> Outcome:
     """Run the searches of a plan, and return the best outcome with the costs of all searches.
 
     With an aim, an outcome within the limit of bytes is better than one beyond it. If two outcomes
     are both within it, or both beyond it, the one with the higher score is better. Without an aim,
     the outcome with the higher PSNR is better.
 
-    The searches end early if an outcome meets the aim within the limit, or was interrupted, and if
-    areas are surely closer than shapes alone.
+    The searches end early if an outcome meets the aim within the limit, if the run is stopped, and
+    if areas are surely closer than shapes alone. The stop_reason of the best outcome is then the
+    aim, "interrupted", or what ended the search for this outcome.
 
     searched  outcomes of the searches. Each search runs when its outcome is requested
     """
@@ -340,12 +333,11 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     for last in searched:
         # Searches without the aim have another score, and those for areas have none.
         if aim is not None and (last.plan.aim is None or math.isnan(last.file.score)):
-            score = aim.score(last.measured.raster, last.subject.photo)
+            score = aim.score(last.raster, last.subject.photo)
             last = dataclasses.replace(last, file=dataclasses.replace(last.file, score=score))
         outcomes.append(last)
         is_met = aim is not None and aim.is_met_by(last.file.score) and last.file.size <= limit
-        is_sure = last.found is not None and not last.unsure
-        if is_met or is_sure or last.fitted.stop_reason == "interrupted":
+        if is_met or run.ended or (last.found is not None and not last.unsure):
             break
 
     def closeness(outcome: Outcome) -> tuple[bool, float]:
@@ -354,12 +346,11 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
         return outcome.file.size <= limit, outcome.file.score
 
     best = max(outcomes, key=closeness) if len(outcomes) > 1 else outcomes[0]
-    fitted, reason = best.fitted, best.fitted.stop_reason
-    if outcomes[-1].fitted.stop_reason == "interrupted":
-        reason = "interrupted"
+    reason = "interrupted" if run.ended else best.fitted.stop_reason
     if aim is not None and is_met:
         reason = aim.of.option
+    fitted = best.fitted.after(None, reason)
     for other in outcomes:
         if other is not best:
             fitted = fitted.after(other.fitted, reason)
-    return dataclasses.replace(best, fitted=dataclasses.replace(fitted, stop_reason=reason))
+    return dataclasses.replace(best, fitted=fitted)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,11 +42,10 @@ def best_palette(
     count: int,
     allowed: float = 0.0,
     change: HueChange | None = None,
-) -> tuple[Rows, Rows, NDArray[np.intp]]:
+) -> tuple[Rows, Rows]:
     """Choose a palette for n shapes. Each of its entries is a pair of a colour and an exponent.
 
-    Return the colours (k, 3) of the entries in 0..1, their exponents (k,), and for each shape the
-    index (n,) of its entry.
+    Return the colours (n, 3) in 0..1 and the exponents (n,) that the shapes get from it.
 
     color    (n, 3) colours of the shapes in 0..1
     beta     (n,) exponents of the shapes
@@ -67,17 +65,18 @@ def best_palette(
     `allowed`. The result is deterministic, because the first clusters come from repeated splits.
     """
     features = np.column_stack([color, BETA_WEIGHT * portable.log(_class_of(beta))])
-    entries, entry = few_entries(features, weight, count, allowed, _rounded)
+    entries, entry = few_entries(features, weight, count, allowed)
     if change is not None and (before := change.largest(entries[entry, :3])) > LARGEST_CHANGE:
         most, palette = count - math.ceil(0.1 * count), (entries, entry)
         if len(entries) > most:  # a tenth of the entries is left to the parts that change
-            palette = few_entries(features, weight, most, allowed, _rounded)
+            palette = few_entries(features, weight, most, allowed)
         else:  # a gradient takes as many bytes as three shapes, so few entries are added
             count = min(count, len(entries) + max(4, round(0.06 * len(entry))))
-        palette = keep_hues(change, features, palette, count, _rounded)
+        palette = keep_hues(change, features, palette, count)
         if change.largest(palette[0][palette[1], :3]) < 0.9 * before:
             entries, entry = palette
-    return entries[:, :3], _class_of(portable.exp(entries[:, 3] / BETA_WEIGHT)), entry
+    beta = _class_of(portable.exp(entries[:, 3] / BETA_WEIGHT))
+    return entries[entry, :3], beta[entry]
 
 
 def _class_of(beta: Rows) -> Rows:
@@ -85,11 +84,15 @@ def _class_of(beta: Rows) -> Rows:
 
 
 def _rounded(features: Rows) -> Rows:
-    """Round colours to 8 bits and exponents to their classes."""
+    """Round features (n, 4): colours to 8 bits and exponents to their classes.
+
+    The colours of an additive scene, (n, 3), need not be rounded.
+    """
+    if features.shape[1] == 3:
+        return features
     classes = _class_of(portable.exp(features[:, 3] / BETA_WEIGHT))
-    return np.column_stack(
-        [np.round(features[:, :3] * 255) / 255, BETA_WEIGHT * portable.log(classes)]
-    )
+    colors = np.round(features[:, :3] * 255) / 255
+    return np.column_stack([colors, BETA_WEIGHT * portable.log(classes)])
 
 
 def quantize(
@@ -131,12 +134,11 @@ def quantize(
     mass, pixels = visible_mass(scene, weight)
     allowed = color_error * 3 * pixels
     if additive:
-        entries, entry = few_entries(scene.color, mass, count, allowed, lambda colors: colors)
+        entries, entry = few_entries(scene.color, mass, count, allowed)
         return scene.replace(color=entries[entry])
-    shades = scene.color[shaded], scene.beta[shaded], mass[shaded]
-    colors, exponents, entry = best_palette(*shades, count, allowed, HueChange(scene, shaded))
+    shades, change = (scene.color[shaded], scene.beta[shaded]), HueChange(scene, shaded)
     beta, color = written.beta.copy(), written.color.copy()
-    color[shaded], beta[shaded] = colors[entry], exponents[entry]
+    color[shaded], beta[shaded] = best_palette(*shades, mass[shaded], count, allowed, change)
     return with_falloffs(scene, beta).replace(color=color, drawn=written.drawn)
 
 
@@ -145,22 +147,15 @@ Rows = NDArray[np.float64]
 Palette = tuple[Rows, NDArray[np.intp]]
 
 
-def few_entries(
-    features: Rows,
-    weight: Rows,
-    count: int,
-    allowed: float,
-    rounded: Callable[[Rows], Rows],
-) -> Palette:
+def few_entries(features: Rows, weight: Rows, count: int, allowed: float) -> Palette:
     """Choose a palette of at most `count` entries for n features (n, d).
 
     Return the entries (k, d), and an array (n,) with the index of each feature's entry.
 
     allowed  largest weighted squared error that the entries may cause. The larger it is, the fewer
              entries there are. 0: there are as many as are needed, up to `count`
-    rounded  function that rounds features to values that a file can contain
     """
-    kept, entry_kept = np.unique(rounded(features), axis=0, return_inverse=True)
+    kept, entry_kept = np.unique(_rounded(features), axis=0, return_inverse=True)
     exact, distinct = (kept, entry_kept.reshape(-1)), len(kept)
     if distinct <= 1 or (allowed <= 0 and distinct <= count):
         return exact
@@ -179,7 +174,7 @@ def few_entries(
         for _ in range(6):  # twice as many improve the result by less than 2 %
             entry = nearest_entry(entries, features)[1]
             entries = weighted_means(features, weight, entry, entries)[np.unique(entry)]
-        entries = np.unique(rounded(entries), axis=0)
+        entries = np.unique(_rounded(entries), axis=0)
         return entries, nearest_entry(entries, features)[1]
 
     if distinct <= count and loss(*exact) > allowed:
@@ -301,19 +296,12 @@ class HueChange:
         return moments_of_gradient(self._splats, planes)[self._shaded, 6:9]
 
 
-def keep_hues(
-    change: HueChange,
-    features: Rows,
-    palette: Palette,
-    count: int,
-    rounded: Callable[[Rows], Rows],
-) -> Palette:
+def keep_hues(change: HueChange, features: Rows, palette: Palette, count: int) -> Palette:
     """Return the palette with other and more entries, so that no place changes its hue visibly.
 
     features  (m, 4) features of the shaded shapes, of which the first three are the colour
     palette   palette to begin with
     count     largest number of entries. If it is reached, the hue of some places still changes
-    rounded   function that rounds features to values that a file can contain
     """
     entries, entry = palette[0], palette[1].copy()
     for _ in range(12):  # times that entries are added, at most
@@ -337,7 +325,7 @@ def keep_hues(
             members = rest[group]
             mean = np.average(features[members], axis=0, weights=shown[members])
             entry[members] = len(entries)
-            entries = np.vstack([entries, rounded(mean[None])])
+            entries = np.vstack([entries, _rounded(mean[None])])
     used, entry = np.unique(entry, return_inverse=True)
     return entries[used], entry.reshape(-1)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, Literal, get_args
 from urllib.parse import quote
 
@@ -18,10 +19,9 @@ from gauss2svg.photo.load import ImageSource
 from gauss2svg.photo.pixels import Size, elongation, has_alpha, pixels_of, shrunk
 from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.options import ALWAYS, Options, ProgressCallback
-from gauss2svg.pipeline.outcome import Export, Subject
+from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
 from gauss2svg.pipeline.run import Run, watched
-from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like
 from gauss2svg.scene import Scene
 from gauss2svg.svg import MINIMAL, NAMESPACE, signed
 from gauss2svg.svg.element import hex_color, with_own_ids
@@ -177,35 +177,29 @@ def placeholder(
     """
     limit = check_bytes("max_bytes", max_bytes)
     Field("bytes_of", words=get_args(Counted)).checked(bytes_of)
-    options = Options().changed(max_bytes=limit, markup=MINIMAL)
-    options = options.changed(threads=threads, max_memory=max_memory)
+    options = Options().changed(
+        max_bytes=limit, markup=MINIMAL, threads=threads, max_memory=max_memory
+    )
 
     def count(svg: str) -> int:
         return len(getattr(Placeholder(svg, 1, 1, "", 0), bytes_of).encode())
 
     with watched(progress) as callback:
-        plan, run = Plan(options), Run(options.run, callback, stop)
+        run = Run(options.run, callback, stop)
         photo = run.read(image, needed=_size_read)
         pixels = pixels_of(photo)
-        subject, has_areas = Subject.of(pixels, photo.original_size), may_have_areas(pixels)
+        subject = Subject(pixels, pixels, photo.original_size, bytes_of=count)
+        has_areas = may_have_areas(pixels)
         with run.threaded():
-            found = ByBytes(plan, subject, run, count).file()
+            best = ByBytes(Plan(options), subject, run).run()
             if has_areas and not run.ended:
-                share = len(found.svg.encode()) / count(found.svg)
-                areas = options.changed(max_bytes=int(share * limit), areas=ALWAYS)
                 # Imported here because it loads the kernels of areas.
                 from gauss2svg.pipeline.by_areas import ByAreas
 
-                other = ByAreas(Plan(areas), subject, run).run().file
-                if count(other.svg) <= limit:
-                    found = max(found, other, key=lambda file: _psnr(file, subject))
-    return Placeholder.of(found.svg, found.scene, photo.original_size, pixels)
-
-
-def _psnr(file: Export, subject: Subject) -> float:
-    """Return the PSNR (dB) of a file against the picture as it was read."""
-    raster = rasterize_like(file.svg, subject.photo, DEFAULT_RENDERER)
-    return subject.psnr(raster, subject.photo)
+                other = ByAreas(Plan(options.changed(areas=ALWAYS)), subject, run).run()
+                if other.file.size <= limit:
+                    best = max(best, other, key=attrgetter("psnr"))
+    return Placeholder.of(best.file.svg, best.file.scene, photo.original_size, pixels)
 
 
 def _size_read(width: int, height: int) -> Size:

@@ -229,6 +229,12 @@ class Plan:
         """Raise RendererError if the renderer that draws the file is not installed."""
         renderer_version(self.options.run.renderer)
 
+    def check_limit(self, size: int) -> None:
+        """Raise InputError if the limit of bytes is below the size of a file without Gaussians."""
+        if (limit := self.goal.byte_limit) is not None and size > limit:
+            needed = f"at least {size}, the bytes of a file without Gaussians"
+            raise refusal("max_bytes", needed, str(limit), str(size))
+
     @cached_property
     def preset(self) -> Preset:
         """Preset of the run.
@@ -339,13 +345,8 @@ class Plan:
         asked, limit = self.options.svg.markup, self.uncompressed_limit
         if asked != AUTO:
             return asked
-        small = limit is not None and limit <= AUTO_MINIMAL
-        return MINIMAL if small and self.may_be_minimal else EDITABLE
-
-    @property
-    def may_be_minimal(self) -> bool:
-        """Whether the renderer draws minimal files, and no option needs an editable file."""
-        return self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
+        is_able = self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
+        return MINIMAL if is_able and limit and limit <= AUTO_MINIMAL else EDITABLE
 
     @cached_property
     def by_bytes(self) -> bool:
@@ -353,9 +354,7 @@ class Plan:
         fit, svg, limit = self.options.fit, self.options.svg, self.uncompressed_limit
         is_small = limit is not None and limit <= BY_BYTES_UP_TO and self.markup == MINIMAL
         is_usual = self.options.densify == DensifyOptions() and fit.loss == DEFAULT_LOSS
-        is_usual = (
-            is_usual and fit.blend == OVER and svg.palette is svg.stops is svg.precision is None
-        )
+        is_usual &= fit.blend == OVER and svg.palette is svg.stops is svg.precision is None
         return is_small and is_usual and not (self.in_inks or self.starts or self.aim)
 
     def searches(self) -> list[Plan]:

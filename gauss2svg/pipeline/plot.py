@@ -97,7 +97,8 @@ class Plot(NamedTuple):
         """Text of an SVG in mm, with a layer for each pen."""
         layers = []
         for at, (name, color, strokes) in enumerate(self.pens, start=1):
-            paths = [Element("path", d=_path_data(stroke)) for stroke in strokes]
+            data = (" ".join(number(v, 2) for v in stroke.ravel()) for stroke in strokes)
+            paths = [Element("path", d="M" + numbers) for numbers in data]
             label = f"{at} {name}: {len(paths)} stroke{'s' * (len(paths) != 1)}"
             layers.append(layer(label, paths, id=f"pen-{at}", stroke=color))
         root = {
@@ -137,7 +138,8 @@ def plotted(
     colors, tones = _colors_and_tones(inks, paper, overprint)
     strokes: list[list[Floats]] = [[] for _ in tones.T]
     lines, thin = _centrelines(scene)
-    in_line = _enlarged(thin, rows, columns)
+    down, across = np.arange(rows) * thin.shape[0], np.arange(columns) * thin.shape[1]
+    in_line = thin[(down // rows)[:, None], across // columns]
     found = [
         (color, np.clip(_simplified(_points_along(scale * line, size)), 0, size))
         for color, line in lines
@@ -148,7 +150,9 @@ def plotted(
         tone_of_pens = tones[int(_nearest(colors, color))]
         if not tone_of_pens.any() and k >= len(lines):
             # The outline of an area without a pen is drawn by the pen of what is around it.
-            tone_of_pens = tones[_nearest(colors, _beside(picture, stroke, pen_cells))].sum((0, 1))
+            beside = stroke[:, None] + pen_cells * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])
+            x, y = np.clip(np.floor(beside), 0, size - 1).astype(int).transpose(2, 0, 1)
+            tone_of_pens = tones[_nearest(colors, picture[y, x])].sum((0, 1))
         if tone_of_pens.any():
             strokes[int(tone_of_pens.argmax())].append(stroke)
     if plotter.hatch is not None or len(scene) >= sum(area.nodes for area in scene.areas):
@@ -198,14 +202,6 @@ def _pen_color(ink: Floats) -> str:
     return hex_color(np.round(255 * color).astype(int), short=False)
 
 
-def _beside(picture: NDArray[np.floating], stroke: Floats, distance: float) -> NDArray[np.floating]:
-    """Return the colours (n, 4, 3) of a picture left, right, above and below points of a stroke."""
-    last = np.array(picture.shape[1::-1]) - 1
-    places = stroke[:, None] + distance * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])
-    x, y = np.clip(np.floor(places), 0, last).astype(int).transpose(2, 0, 1)
-    return picture[y, x]
-
-
 def _nearest(colors: Floats, picture: NDArray[np.floating]) -> NDArray[np.intp]:
     """Return the index (..) of the nearest colour to each colour (.., 3) of a picture."""
     nearest = np.zeros(picture.shape[:-1], np.intp)
@@ -245,12 +241,6 @@ def _outlines(
             _cover(covered, area, True)
 
 
-def _enlarged(mask: Bools, rows: int, columns: int) -> Bools:
-    """Return a mask (h, w) with another number of rows and columns."""
-    row, column = np.arange(rows) * mask.shape[0] // rows, np.arange(columns)
-    return mask[row[:, None], column * mask.shape[1] // columns]
-
-
 def _color(area: Area) -> tuple[float, ...]:
     return area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
 
@@ -259,8 +249,8 @@ def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
     """Return the lines of a scene, and where they are in a picture of it, (h, w).
 
     The picture has 800 px along its longer side. A line is a colour and segments (k, 4, 2) in px of
-    the scene. Lines are the narrow parts of what
-    is seen of a colour, whether areas or lines of the scene draw it.
+    the scene. Lines are the narrow parts of what is seen of a colour, whether areas or lines of the
+    scene draw it.
     """
     size = np.array([scene.width, scene.height])
     scale, most = 800 / size.max(), 800 * _WIDEST
@@ -434,8 +424,3 @@ def _in_order(strokes: Sequence[Floats]) -> list[Floats]:
 
 def _length(stroke: Floats) -> float:
     return float(portable.hypot(*np.diff(stroke, axis=0).T).sum())
-
-
-def _path_data(stroke: Floats) -> str:
-    numbers = [" ".join(number(v, 2) for v in point) for point in stroke]
-    return "M" + " ".join(numbers)

@@ -155,16 +155,21 @@ class FrameMaker:
 
 
 @contextmanager
-def _notebook_bar() -> Iterator[Callable[[str, float | None], None]]:
-    """Show a bar in the output of the notebook's cell, and yield a function as `terminal_bar`."""
+def _notebook_bar() -> Iterator[Callable[..., None]]:
+    """Show a bar in the output of the notebook's cell, and yield a function that changes it.
+
+    The function is that of `terminal_bar`, with a third argument: HTML to show above the bar. An
+    empty text shows no bar.
+    """
     display: Any = importlib.import_module("IPython.display")
     handle = display.display(display.HTML("starting"), display_id=True)
-    yield lambda text, share: handle.update(display.HTML(_bar(text, share)))
 
+    def show(text: str, share: float | None, above: str = "") -> None:
+        bar = "<progress>" if share is None else f'<progress value="{share:.3f}">'
+        bar = f"{bar}</progress> {html.escape(text)}" if text else ""
+        handle.update(display.HTML(above + bar))
 
-def _bar(text: str, share: float | None) -> str:
-    bar = "<progress>" if share is None else f'<progress value="{share:.3f}">'
-    return f"{bar}</progress> {html.escape(text)}"
+    yield show
 
 
 @contextmanager
@@ -176,35 +181,33 @@ def _notebook() -> Iterator[ProgressCallback]:
     from gauss2svg.render import as_jpeg
     from gauss2svg.svg.file import image
 
-    display: Any = importlib.import_module("IPython.display")
     most_side = 400  # px. Frames are small and few, because notebooks keep all of them as text
     frames = FrameMaker(most_a_second=4, most_side=most_side)
-    handle = display.display(display.HTML("starting"), display_id=True)
     newest: FitProgress | None = None
     last = ""
 
     def picture(frame: bytes, fit: FitProgress) -> str:
-        return image(frame, "image/jpeg", "the picture so far") + f"<br/>{_figures(fit)}"
+        return image(frame, "image/jpeg", "the picture so far") + f"<br/>{_figures(fit)}<br/>"
 
     def update(progress: Progress) -> None:
         nonlocal last, newest
-        text, done = _text_and_share(progress)
         if progress.fit is not None:
             newest = progress.fit
             frame = frames.frame(newest.scene)
             if not frame:
                 return
             last = picture(frame, newest)
-        handle.update(display.HTML(f"{last}<br/>{_bar(text, done)}"))
+        show(*_text_and_share(progress), last)
 
-    try:
-        yield update
-    finally:
-        # The last call of `update` may not have shown its picture, because it came too soon after
-        # another one. So the newest picture is shown now.
-        if newest is not None:
-            last = picture(as_jpeg(newest.scene(), most_side), newest)
-        handle.update(display.HTML(last))
+    with _notebook_bar() as show:
+        try:
+            yield update
+        finally:
+            # The last call of `update` may not have shown its picture, because it came too soon
+            # after another one. So the newest picture is shown now.
+            if newest is not None:
+                last = picture(as_jpeg(newest.scene(), most_side), newest)
+            show("", None, last)
 
 
 def _text_and_share(progress: Progress) -> tuple[str, float | None]:

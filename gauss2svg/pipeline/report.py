@@ -18,50 +18,47 @@ from numpy.typing import NDArray
 
 from gauss2svg.measure import SCORES, Scores, decibels
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.measure.roundtrip import paint_ms, shown_width
+from gauss2svg.measure.roundtrip import paint_ms, round_trip, shown_width
 from gauss2svg.photo.pixels import Photo, over, pixels_of, shrunk
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
+from gauss2svg.processes import held_bytes
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.scene.inks import (
-    ink_colors,
-    ink_name,
-    inks_in,
-    oklab,
-    printed_colors,
-)
+from gauss2svg.scene.inks import ink_colors, ink_name, inks_in, oklab, printed_colors
 from gauss2svg.svg import CURRENT_COLOR, MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
 from gauss2svg.without_scipy import nearest_entry
 
 
-def run_report(
-    plan: Plan, photo: Photo, outcome: Outcome, scores: Scores, run: Run
-) -> dict[str, Any]:
-    """Return a dict of all options and results of a run.
+def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str, Any]:
+    """Measure the file of a run, and return a dict of all options and results.
 
     docs/reference/report.md explains its keys.
     """
-    file, svg = outcome.file, outcome.file.svg
+    file, svg, raster = outcome.file, outcome.file.svg, outcome.raster
     chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
-    fitted, measured, options = outcome.fitted, outcome.measured, plan.options
-    total_s, count = time.perf_counter() - run.started, len(file.scene)
-    shown, scored = shown_width(document, file.scene), measured.scores | _by_focus(outcome)
-    scored["psnr_photo"] = _psnr_photo(plan, photo, outcome)
+    fitted, options, count = outcome.fitted, plan.options, len(file.scene)
+    scored = round_trip(svg, file.scene, subject.photo, options.run.renderer, raster).scores
+    scores, shown = _scores(plan, outcome, run), shown_width(document, file.scene)
+    psnr_photo = psnr(raster, pixels_of(photo)) if plan.sketch else scored["psnr_svg"]
+    scored |= {**_by_focus(outcome), "psnr_photo": psnr_photo}
+    total_s = time.perf_counter() - run.started
     counts, found = AreaCounts.of(file.scene.areas), outcome.found
-    text = json.dumps(options.of_picture(), sort_keys=True)
+    text, pixels = json.dumps(options.of_picture(), sort_keys=True), pixels_of(photo)
+    digest = hashlib.sha256(str(pixels.shape).encode())
+    digest.update(np.ascontiguousarray(pixels, "<f4").data)
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
         "quality": None if chosen.is_budget else chosen.goal.quality or DEFAULT_PRESET,
         # Values that the run has chosen for options that the user did not give.
         **dict(zip(("inks", "paper", "overprint"), plan.printed or (), strict=False)),
-        **_sides("", photo.original_size),
-        **_sides("fit_", subject.size),
-        **_sides("measured_", measured.raster.shape[1::-1]),
+        **dict(zip(("width", "height"), photo.original_size, strict=True)),
+        **dict(zip(("fit_width", "fit_height"), subject.size, strict=True)),
+        **dict(zip(("measured_width", "measured_height"), raster.shape[1::-1], strict=True)),
         "gaussians": count,
         **dict(zip(("area_count", "line_count", "node_count"), counts, strict=True)),
         "iterations": fitted.iterations,
@@ -79,8 +76,8 @@ def run_report(
         "rounds": fitted.rounds,
         "corrections": outcome.corrections,
         "rollbacks": fitted.rollbacks,
-        "ink_shares": _ink_shares(_printed(plan), measured.raster),
-        "colors": len(np.unique(np.round(_colors(file.scene) * 255), axis=0)),
+        "ink_shares": _ink_shares(plan, raster),
+        "colors": _colors(file.scene),
         "gradients": svg.count("<radialGradient") + svg.count("<linearGradient"),
         "area_share": 0.0 if found is None else found.explained,
         "stop_reason": fitted.stop_reason,
@@ -97,8 +94,9 @@ def run_report(
         "paint_ms": paint_ms(file.scene, svg, shown),
         "paint_width": shown,
         "transparent": photo.alpha is not None,
-        "notes": [*photo.notes, *_notes(plan, photo, outcome)],
-        "pixels_sha256": _pixels_sha256(pixels_of(photo)),
+        "notes": [*photo.notes, *_notes(plan, photo, outcome, psnr_photo)],
+        # The digest of the shape of the pixels as text, and of their float32 bytes.
+        "pixels_sha256": digest.hexdigest(),
         # The digest of the options that change a file, as JSON with sorted names.
         "options_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "versions": dict(_versions()),
@@ -106,17 +104,24 @@ def run_report(
     }
 
 
-def _pixels_sha256(pixels: NDArray[np.float32]) -> str:
-    """Return the digest of pixels (h, w, c): of their shape as text, and of their float32 bytes."""
-    digest = hashlib.sha256(str(pixels.shape).encode())
-    digest.update(np.ascontiguousarray(pixels, "<f4").data)
-    return digest.hexdigest()
+def _scores(plan: Plan, outcome: Outcome, run: Run) -> Scores:
+    """Measure the scores that the options ask for."""
+    aim = plan.aim
+    if not plan.options.run.scores and (aim is None or aim.of.always):
+        return Scores()
+    # This is imported here, because only few runs ask for scores.
+    from gauss2svg.measure.perceptual import perceptual_scores
+
+    known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.file.score}
+    free_bytes = run.most_bytes - held_bytes()
+    return perceptual_scores(outcome.raster, outcome.subject.photo, free_bytes, known)
 
 
-def _colors(scene: Scene) -> NDArray[np.float64]:
-    """Return the colours (n, 3) of the Gaussians, and of the areas without gradients."""
+def _colors(scene: Scene) -> int:
+    """Return the number of colours of the Gaussians, and of the areas without gradients."""
     flat = [area.paint for area in scene.areas if isinstance(area.paint, tuple)]
-    return np.concatenate([scene.color, np.reshape(flat, (-1, 3))])
+    colors = np.concatenate([scene.color, np.reshape(flat, (-1, 3))])
+    return len(np.unique(np.round(colors * 255), axis=0))
 
 
 def _printed(plan: Plan) -> tuple[str, str | None, int | None] | None:
@@ -125,11 +130,9 @@ def _printed(plan: Plan) -> tuple[str, str | None, int | None] | None:
     return plan.printed or ((inks, None, None) if isinstance(inks, str) else None)
 
 
-def _ink_shares(
-    printed: tuple[str, str | None, int | None] | None, raster: NDArray[np.float32]
-) -> list[float] | None:
+def _ink_shares(plan: Plan, raster: NDArray[np.float32]) -> list[float] | None:
     """Return for each ink the mean of its strength in the colours nearest to visible pixels."""
-    if printed is None:
+    if (printed := _printed(plan)) is None:
         return None
     mixes = printed_colors(*printed)
     pixels, table = raster.reshape(-1, raster.shape[2]), ink_colors(",".join(mixes))
@@ -139,39 +142,31 @@ def _ink_shares(
     return [round(share, 4) for share in (counts / max(1, len(visible))).tolist()]
 
 
-def _sides(prefix: str, size: tuple[int, ...]) -> dict[str, int]:
-    return {f"{prefix}width": size[0], f"{prefix}height": size[1]}
-
-
 def _by_focus(outcome: Outcome) -> dict[str, float | None]:
     """Return the PSNR in dB of the SVG inside of the mask, and that outside of it.
 
     Both are None if there is no mask.
     """
-    subject, raster = outcome.subject, over(outcome.measured.raster)
-    inside = None if subject.focus is None else subject.focus.inside(*raster.shape[:2])
-    weights = {"inside": inside, "outside": None if inside is None else 1 - inside}
-    return {
-        f"psnr_svg_{part}": None if weight is None else psnr(raster, over(subject.photo), weight)
-        for part, weight in weights.items()
-    }
+    subject, raster = outcome.subject, over(outcome.raster)
+    if subject.focus is None:
+        return {"psnr_svg_inside": None, "psnr_svg_outside": None}
+    inside, photo = subject.focus.inside(*raster.shape[:2]), over(subject.photo)
+    psnrs = (psnr(raster, photo, weight) for weight in (inside, 1 - inside))
+    return dict(zip(("psnr_svg_inside", "psnr_svg_outside"), psnrs, strict=True))
 
 
-def _psnr_photo(plan: Plan, photo: Photo, outcome: Outcome) -> float:
-    """Return the PSNR in dB of the SVG against the photo, with the paper of a sketch."""
-    measured = outcome.measured
-    return psnr(measured.raster, pixels_of(photo)) if plan.sketch else measured.scores["psnr_svg"]
+def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Iterator[str]:
+    """Yield notes on choices of the run that a user may want to know about or to change.
 
-
-def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
-    """Yield notes on choices of the run that a user may want to know about or to change."""
-    chosen, count, rate = outcome.plan, len(outcome.file.scene), plan.options.fit.learning_rate
+    psnr_photo  PSNR in dB of the SVG against the photo, with the paper of a sketch
+    """
+    scene, raster = outcome.file.scene, outcome.raster
     # If the bytes suffice for no shape, `unreached` reports it.
     is_clear = photo.alpha is not None and photo.alpha.any()
-    is_empty = not count and not outcome.file.scene.areas
+    is_empty = not len(scene) and not scene.areas
     if is_clear and is_empty and outcome.fitted.stop_reason != "max_bytes":
         yield "the SVG is empty, because the photo is too transparent to be visible"
-    if chosen.markup == MINIMAL != plan.options.svg.markup:
+    if outcome.plan.markup == MINIMAL != plan.options.svg.markup:
         yield (
             "the file is in minimal markup, which is closer in as few bytes but has no names or "
             "layers. For Inkscape, Figma and other editors give --markup editable"
@@ -182,28 +177,20 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             "or a background, which counts as a colour. Try --areas always, or cut it out first"
         )
     if plan.sketch:
-        whole = decibels(_psnr_photo(plan, photo, outcome))
         yield (
             "drawn as a sketch: one ink on paper of one colour. The match is that with the sketch "
-            f"without shadows, grain and stains. With them it is {whole}. For these give --areas "
-            "never"
+            f"without shadows, grain and stains. With them it is {decibels(psnr_photo)}. For these "
+            "give --areas never"
         )
     if printed := _printed(plan):
-        used = [*inks_in(outcome.file.scene, *printed), printed[1]]
+        used = [*inks_in(scene, *printed), printed[1]]
         unused = ", ".join(ink for ink in printed[0].split(",") if ink not in used)
         if unused:
             yield f"not used: {unused} of the inks, because other inks are closer everywhere"
-    if plan.printed and (far := _far_colors(outcome.measured.raster, outcome.subject.photo)):
+    if plan.printed and (far := _far_colors(raster, outcome.subject.photo)):
         overprint = plan.printed[2]
         mixed = "" if overprint and overprint > 1 else ", or --overprint 3 if they may mix"
         yield f"{far}. Try inks of its colours, such as those of --inks 4{mixed}"
-    # Only users who have raised the rate above 1 are told that the fit diverged, because they can
-    # lower the rate again.
-    if outcome.fitted.rollbacks and rate > 1:
-        yield (
-            f"--learning-rate {rate:g} is too large for this picture. The fit diverged, went back "
-            f"to its best state and ended with {outcome.fitted.rate:.3g}"
-        )
 
 
 def _far_colors(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> str:

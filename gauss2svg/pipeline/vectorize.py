@@ -17,25 +17,16 @@ from gauss2svg.areas.pixels import Sprite, sprite_of
 from gauss2svg.errors import InputError, instance, refusal, required
 from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
-from gauss2svg.measure import Scores, decibels
+from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
 from gauss2svg.photo.pixels import Header, Photo, averaged, matte_color, pixels_of, shrunk
-from gauss2svg.pipeline.budgets import (
-    AREA_PIXELS_A_SECOND,
-    STEPS,
-    Load,
-    TimeBudget,
-    load_of,
-    size_that_fits,
-)
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
-from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, limit_error
+from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
-from gauss2svg.pipeline.run import Run, watched
-from gauss2svg.processes import held_bytes
+from gauss2svg.pipeline.run import Load, Run, load_of, size_that_fits, watched
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import inks_in
@@ -47,6 +38,8 @@ from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
 if TYPE_CHECKING:
     from gauss2svg.pipeline.plot import Plot
 
+# With a time limit, areas are searched in a picture of so many pixels for each second.
+AREA_PIXELS_A_SECOND = 40_000
 WHOLE_DRAWING = 2**20  # px up to which areas are found in a picture that is not reduced
 
 
@@ -265,8 +258,6 @@ def vectorize_by(
     if sketch is not None:
         pixels, working, inks = sketch
         plan = dataclasses.replace(plan, has_areas=True, sketch=inks)
-    document = plan.options.document.of_photo(*photo.original_size, photo.dpi)
-    subject = Subject(pixels, working, photo.original_size, document, mask, start)
     is_drawn = plan.may_be_exact and not plan.sketch
     sprite = _sprite(plan, run, image, photo) if is_drawn else None
     plan = plan.for_picture(pixels)
@@ -276,15 +267,21 @@ def vectorize_by(
         is_whole &= load.measured == photo.original_size
         is_whole &= options.run.max_size is None and options.run.max_memory is None
         working = pixels if is_whole else averaged(pixels_of(photo), *load.fit[::-1])
-        subject = dataclasses.replace(subject, working=working)
+    subject = Subject(
+        pixels, working, photo.original_size,
+        document=options.document.of_photo(*photo.original_size, photo.dpi),
+        focus=mask, start=start, sprite=sprite,
+        bytes_of=lambda svg: len(file_bytes(svg, plan.counts_gzipped)),
+    )  # fmt: skip
     del photo  # frees the photo's pixels, which may be many
     with run.threaded():
-        outcome = best_of(_outcomes(plan, run, subject, sprite), plan)
-    subject.release()
-    # Every search prunes its file until it is within the limit. So this one has no shapes left.
-    if (limit := plan.goal.byte_limit) is not None and outcome.file.size > limit:
-        raise limit_error(outcome.file.size, limit)
-    return _result(plan, run, measured, outcome)
+        outcome = best_of(_outcomes(plan, run, subject), plan, run)
+        file = outcome.file
+        # Every search prunes its file until it is within the limit, or until no shapes are left.
+        plan.check_limit(file.size)
+        run.notify("measure")
+        report = run_report(plan, measured, outcome, run)
+    return Result(file.svg, file.scene, report, outcome.raster, pixels, subject.document)
 
 
 def _check_start(plan: Plan, start: Scene) -> None:
@@ -351,22 +348,21 @@ def _matte(plan: Plan) -> tuple[float, float, float] | None:
     return None if matte is None else matte_color(matte)
 
 
-def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> Iterator[Outcome]:
+def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
     """Start the time budget. Then run the searches of the plan, and yield the outcome of each.
 
-    sprite  cells of pixel art, whose exact file comes before all searches. None: it is none
+    The exact file of pixel art comes before all others.
     """
-    limit, steps = plan.goal.time_limit, plan.options.fit.iterations
-    if limit is not None:
+    if (limit := plan.goal.time_limit) is not None:
         if plan.in_areas:
             subject = subject.reduced(AREA_PIXELS_A_SECOND * limit)
-        pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
-        deadline = run.started + limit
-        run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps or STEPS)
-    if sprite is not None:
-        from gauss2svg.pipeline.by_pixels import exact_outcomes  # few pictures are pixel art
+        sizes = math.prod(subject.size), math.prod(subject.photo.shape[:2])
+        run.limit_time(limit, *sizes, plan.options.fit.iterations)
+    if subject.sprite is not None:
+        from gauss2svg.pipeline.by_pixels import exact  # few pictures are pixel art
 
-        yield from exact_outcomes(plan, run, subject, sprite)
+        if (outcome := exact(plan, subject, run)) is not None:
+            yield outcome
     for one in plan.searches():
         # Few runs need several of these classes, so each is imported only when it is needed.
         if one.in_areas:
@@ -376,18 +372,3 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> 
         else:
             from gauss2svg.pipeline.by_count import ByCount as OneSearch
         yield OneSearch(one, subject, run).run()
-
-
-def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
-    """Measure the scores of an outcome, and return it as a result with a report."""
-    aim, raster, subject = plan.aim, outcome.measured.raster, outcome.subject
-    scores = Scores()
-    if plan.options.run.scores or (aim is not None and not aim.of.always):
-        known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.file.score}
-        # This is imported here, because only few runs ask for scores.
-        from gauss2svg.measure.perceptual import perceptual_scores
-
-        scores = perceptual_scores(raster, subject.photo, run.most_bytes - held_bytes(), known)
-    report = run_report(plan, photo, outcome, scores, run)
-    svg, scene = outcome.file.svg, outcome.file.scene
-    return Result(svg, scene, report, raster, subject.photo, subject.document)

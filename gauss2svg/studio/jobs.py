@@ -36,11 +36,11 @@ from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import as_json, as_png, replace, saved
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.pixels import over
-from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.options import Options, Progress
 from gauss2svg.pipeline.placeholder import Placeholder
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, USUAL_BYTES, Plan
 from gauss2svg.pipeline.progress_display import FrameMaker
+from gauss2svg.pipeline.run import memory_limit
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
 from gauss2svg.pool import Pool
 from gauss2svg.svg import EDITABLE, MINIMAL

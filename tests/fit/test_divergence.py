@@ -39,11 +39,9 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate):
     assert psnr_of(result.scene, photo) > psnr_of(usual.scene, photo) - 3
 
 
-def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(photo):
-    photo = photo[:48, :48]
-    report = vectorize(photo, gaussians=30, iterations=30, learning_rate=100).report
+def test_rollbacks_are_reported(photo):
+    report = vectorize(photo[:48, :48], gaussians=30, iterations=30, learning_rate=100).report
     assert report["rollbacks"] > 0
-    assert any("diverged" in note and "best state" in note for note in report["notes"])
 
 
 def test_worse_last_steps_are_rolled_back(photo, monkeypatch):

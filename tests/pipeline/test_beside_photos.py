@@ -21,22 +21,15 @@ from gauss2svg.raster import rasterize
 from gauss2svg.scene.areas import Area, Outline
 
 NAMES = ("astronaut", "coffee")
-HEIGHT, WIDTH = 48, 64
-Y, X = np.mgrid[:HEIGHT, :WIDTH]
+PART = 0, 0, 320, 240  # px of the picture
+Y, X = np.mgrid[:48, :64]
 MASK = np.uint8(255 * ((X - 23) ** 2 / 16**2 + (Y - 27) ** 2 / 13**2 < 1))
 
 
-def frame(name: str, shift: int = 0, size: tuple[int, int] = (64, 48)) -> np.ndarray:
-    """A part of a picture of scikit-image that begins `shift` px of the photo further."""
-    box = (shift, shift // 2, shift + 320, shift // 2 + 240)
+def small(name: str, box: tuple[int, ...] | None = None) -> np.ndarray:
+    """A picture of scikit-image, or a part of it, reduced."""
     photo = Image.fromarray(getattr(data, name)())
-    return np.asarray(photo.resize(size, Image.Resampling.BOX, box))
-
-
-def small(name: str) -> np.ndarray:
-    """A picture of scikit-image, reduced."""
-    photo = Image.fromarray(getattr(data, name)())
-    return np.asarray(photo.resize((WIDTH, HEIGHT), Image.Resampling.BOX))
+    return np.asarray(photo.resize((64, 48), Image.Resampling.BOX, box))
 
 
 def psnr_where(raster, photo, where) -> float:
@@ -87,16 +80,16 @@ def test_a_mask_is_read_like_a_photo(tmp_path):
     [
         (MASK.T, r"focus must be a mask of the photo's proportions, 64x48; got 48x64 px. Try the"),
         (MASK[:, :-2], "proportions, 64x48; got 62x48 px"),
-        (np.zeros((HEIGHT, WIDTH)), "focus must be a mask with white .*; got greys from 0 to 0 of"),
-        (np.ones((HEIGHT, WIDTH)), "got greys from 255 to 255 of 255"),
+        (np.zeros((48, 64)), "focus must be a mask with white .*; got greys from 0 to 0 of"),
+        (np.ones((48, 64)), "got greys from 255 to 255 of 255"),
         (7, "focus must be a picture, but photo must be a path, .*; got int"),
-        (np.full((HEIGHT, WIDTH), 2.0), "focus must be a picture, but samples of array .*0..1"),
+        (np.full((48, 64), 2.0), "focus must be a picture, but samples of array .*0..1"),
         (b"rubbish", "focus must be a picture, but .* got an unknown format"),
     ],
 )
 def test_a_mask_that_does_not_fit_is_refused(mask, line):
     with pytest.raises(InputError, match=line):
-        vectorize(small("coffee"), gaussians=10, focus=mask)
+        vectorize(small("coffee", PART), gaussians=10, focus=mask)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +100,7 @@ def test_a_mask_that_does_not_fit_is_refused(mask, line):
     ],
 )  # fmt: skip
 def test_it_is_never_worse_than_the_file_that_it_starts_with(goal):
-    photo = frame("coffee")
+    photo = small("coffee", PART)
     first = vectorize(photo, **goal)
     for start in (first.scene, read_svg(first.svg)):
         again = vectorize(photo, **goal, start=start)
@@ -121,8 +114,8 @@ def test_shapes_are_added_or_removed_until_there_are_as_many_as_asked_for(count)
     psnrs = []
     for name in NAMES:
         given = {"gaussians": count, "iterations": 60}
-        start = vectorize(frame(name), gaussians=60, iterations=60).scene
-        results = [vectorize(frame(name), **given, start=one) for one in (None, start)]
+        start = vectorize(small(name, PART), gaussians=60, iterations=60).scene
+        results = [vectorize(small(name, PART), **given, start=one) for one in (None, start)]
         assert 0.97 * count <= results[1].report["gaussians"] <= count
         psnrs.append([result.report["psnr_svg"] for result in results])
     new, again = np.mean(psnrs, axis=0)
@@ -130,7 +123,7 @@ def test_shapes_are_added_or_removed_until_there_are_as_many_as_asked_for(count)
 
 
 def test_shapes_are_scaled_to_the_photo_and_a_target_gets_more_of_them():
-    photo = frame("coffee")
+    photo = small("coffee", PART)
     start = vectorize(photo[::2, ::2], gaussians=40).scene
     assert (start.width, start.height) == (32, 24)
     kept = vectorize(photo, start=start).report
@@ -139,16 +132,6 @@ def test_shapes_are_scaled_to_the_photo_and_a_target_gets_more_of_them():
     grown = vectorize(photo, target_psnr=kept["psnr_svg"] + 2, start=start).report
     assert grown["psnr_svg"] > kept["psnr_svg"] + 1.9
     assert grown["gaussians"] > 40
-
-
-def test_other_options_hold_for_the_shapes_of_the_start():
-    photo = frame("coffee")
-    start = vectorize(photo, gaussians=40).scene
-    assert (start.beta != 1).any()
-    assert (vectorize(photo, gaussians=40, falloff="gaussian", start=start).scene.beta == 1).all()
-    mask = np.eye(48, 64) + np.eye(48, 64, 1) > 0
-    focused = vectorize(photo, gaussians=40, focus=mask, start=start).report
-    assert focused["psnr_svg_inside"] > vectorize(photo, gaussians=40).report["psnr_svg"]
 
 
 @pytest.mark.parametrize(("shape", "channels"), [((1, 1), 4), ((1, 40), 3)])

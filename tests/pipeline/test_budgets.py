@@ -6,22 +6,19 @@ import itertools
 import math
 import time
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from flat import fit_config, session_of, vectorize
-from pictures import antialiased_badge, smile
+from pictures import smile
 from skimage import data
 
 from gauss2svg.fit.session import FitSession, Snapshot
-from gauss2svg.measure import metrics
-from gauss2svg.pipeline.budgets import TimeBudget, pixels_within
-from gauss2svg.pipeline.limits import Limits
+from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.outcome import Exporter, Subject
+from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.plan import PRESETS, USUAL_BYTES, Plan
-from gauss2svg.render import render
+from gauss2svg.pipeline.run import Run, TimeBudget, pixels_within
 
 DECIDED_BY_8_BITS = 50.0  # dB, from which the rounding of renderers decides: decisions/monotone.md
 
@@ -52,14 +49,6 @@ def test_more_seconds_are_never_worse(kind, photo, work_clock):
     assert found[0]["gaussians"] < found[-1]["gaussians"]
 
 
-def test_seconds_beyond_what_pays_are_not_taken(work_clock):
-    picture = antialiased_badge(96)[::6, ::6]
-    long, longer = (vectorize(picture, time_limit=t, areas="never").report for t in (100, 200))
-    assert long["psnr_svg"] == longer["psnr_svg"]
-    assert long["stop_reason"] == longer["stop_reason"] != "time_limit"
-    assert long["unreached"] == []
-
-
 @pytest.mark.sweep
 def test_a_limit_of_the_bytes_of_a_preset_is_not_worse_than_the_preset():
     """It is so for photos in many colours, of whose files gradients are a large part.
@@ -74,15 +63,6 @@ def test_a_limit_of_the_bytes_of_a_preset_is_not_worse_than_the_preset():
         behind.append(preset["psnr_svg"] - within["psnr_svg"])
     assert max(behind) < 0.4
     assert np.mean(behind) < 0.2
-
-
-@pytest.mark.sweep
-def test_a_preset_beside_a_limit_of_seconds_is_a_cap(photo, work_clock):
-    alone = vectorize(photo, time_limit=0.5).report
-    capped = vectorize(photo, time_limit=0.5, quality="draft").report
-    draft = vectorize(photo, quality="draft").report
-    assert capped["gaussians"] <= PRESETS["draft"].cap < alone["gaussians"]
-    assert capped["psnr_svg"] == pytest.approx(draft["psnr_svg"], abs=0.3)
 
 
 def test_a_limit_of_gzipped_bytes_is_on_what_travels(photo):
@@ -115,17 +95,18 @@ KILOBYTES = USUAL_BYTES / 1000
 BYTES = 1.25 * 10_000 / USUAL_BYTES  # shapes that fill 10 000 bytes while growing
 
 
-def limits_by(plan: Plan, budget: TimeBudget) -> Limits:
+def limits_by(plan: Plan) -> ByCount:
     """The limits of a plan, on a picture that is large enough for any count."""
-    return Limits(plan, Exporter(plan, Subject.of(np.zeros((1, 1, 3), "f4"))), budget, 10**9)
+    large = np.broadcast_to(np.float32(0), (30_000, 30_000, 3))
+    return ByCount(plan, Subject(large, large, (1, 1)), Run())
 
 
-def limits_of(gain=0.0, enough=math.inf, cap=10**6, **options) -> Limits:
+def limits_of(gain=0.0, enough=math.inf, cap=10**6, **options) -> ByCount:
     """The limits of a preset of these numbers."""
     plan = Plan(Options.from_flat(options))
     preset = dataclasses.replace(PRESETS["balanced"], gain=gain, stop_psnr=enough, cap=cap)
     vars(plan)["preset"] = preset  # where a cached property keeps it
-    return limits_by(plan, TimeBudget())
+    return limits_by(plan)
 
 
 def grown(psnr_at, policy):
@@ -161,27 +142,7 @@ def test_growth_at_most_doubles_and_stops_at_its_limit(limits, least, most, reas
     assert all(a < b <= 2 * a for a, b in itertools.pairwise(counts))
 
 
-def exported(size, score, count=100):
-    """An export of so many bytes, as far as limits look at one."""
-    return SimpleNamespace(size=size, score=score, scene=range(count))
-
-
 FEW_BYTES = {"max_bytes": 10**5, "markup": "editable"}
-
-
-@pytest.mark.parametrize(
-    ("found", "best"),
-    [
-        ([(70, 34.3), (59, 28.4), (50, 24.0)], 59),  # near the goal of 28 dB, also if larger
-        ([(70, 30.9), (59, 27.3)], 59),  # the smaller of two that are near
-        ([(90, 43.0), (70, 34.3), (50, 24.0)], 70),  # the smaller of those beyond
-        ([(50, 24.0), (40, 23.0)], 50),  # the nearest below
-    ],
-)
-def test_best_export_is_the_smallest_near_the_goal(found, best):
-    limits = limits_by(Plan(Options.from_flat({"quality": "draft"})), TimeBudget())
-    exports = [exported(*one) for one in found]
-    assert limits.best(exports).size == best  # pyright: ignore[reportArgumentType]
 
 
 def fitted(pixels, limits, iterations=60) -> FitSession:
@@ -201,8 +162,3 @@ def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
     assert 1 <= counts[1] <= 30
     assert counts[2] > 300
     assert len(fitted(noise, limits_of(0.5, 36.0, 2000)).state) < 10
-
-
-def test_enough_is_about_what_the_fit_ends_at(photo):
-    session = fitted(photo, limits_of(enough=28.0, cap=5000), 150)
-    assert metrics.psnr(render(session.scene()), photo) == pytest.approx(28.0, abs=1.3)

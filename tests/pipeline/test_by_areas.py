@@ -3,28 +3,23 @@
 import dataclasses
 import itertools
 import re
-import tracemalloc
 
 import numpy as np
 import pytest
 from flat import vectorize
-from pictures import ball, clouds
+from pictures import clouds
 from skimage import data
 
-import gauss2svg
-from gauss2svg import Options, Scene, SvgOptions, read_svg
+from gauss2svg import Options, Scene, read_svg
 from gauss2svg.areas.find import RATE, find_areas
-from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over
+from gauss2svg.pipeline.found import Trials, nothing
 from gauss2svg.pipeline.outcome import Exporter, Subject
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.trials import Trials, nothing, without_idle
 from gauss2svg.raster import rasterize, rasterize_rgba
-from gauss2svg.render import render
 from gauss2svg.scene.areas import Area, AreaCounts, Outline
 from gauss2svg.scene.inks import ink_colors, ink_name
 from gauss2svg.svg.file import file_bytes
@@ -75,19 +70,6 @@ def test_the_file_has_the_areas_and_nothing_else_and_the_report_counts_them(pict
     assert 0 < report["area_find_s"] + report["area_refine_s"] <= report["fit_s"]
 
 
-@pytest.mark.sweep
-def test_memory_of_a_run_is_that_of_a_few_pictures():
-    large = rasterize(FRAME.format(SHADES + SHAPES), 512, 512)
-    vectorize(SHADED, areas="always")  # what is loaded once is no part of it
-    tracemalloc.start()
-    try:
-        vectorize(large, areas="always")
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < 9.5 * large.nbytes
-
-
 def test_the_user_unit_is_a_share_of_a_pixel_of_the_fit_or_the_precision(drawing):
     reduced = vectorize(DRAWING, max_size=64)
     coarse = vectorize(DRAWING, precision=0.5)
@@ -121,24 +103,6 @@ def test_a_picture_without_areas_becomes_its_ground(picture, limit):
     assert result.scene.transparent == (picture.shape[2] == 4)
 
 
-def test_a_limit_below_the_bytes_of_the_ground_alone_is_refused():
-    with pytest.raises(InputError, match=r"max_bytes must be at least \d+, the bytes of a file"):
-        vectorize(DRAWING, areas="always", max_bytes=60)
-
-
-def test_every_phase_is_told_and_the_forming_picture_has_the_areas():
-    seen = []
-    result = gauss2svg.vectorize(DRAWING, svg=SvgOptions(areas="always"), progress=seen.append)
-    phases = list(dict.fromkeys(now.phase for now in seen))
-    assert phases == ["read", "areas", "write", "measure"]
-    states = [now.fit for now in seen if now.fit is not None]
-    assert all(before.done < after.done for before, after in itertools.pairwise(states))
-    assert states[-1].scene().areas
-    assert states[-1].areas == str(AreaCounts.of(states[-1].scene().areas))
-    assert states[-1].psnr > 30
-    assert result.report["psnr_svg"] > 40
-
-
 LARGE = rasterize(FRAME.format(SHADES + SHAPES), 400, 400)  # areas take longer than a call
 
 
@@ -162,17 +126,6 @@ def test_a_run_of_little_time_is_not_blank(cells):
     picture += np.linspace(0, 0.01, 200, dtype=np.float32)[:, None]  # it is no pixel art
     result = vectorize(picture.clip(0, 1), time_limit=1)
     assert len(result.scene) or result.scene.areas
-
-
-def test_the_command_writes_a_file_that_check_and_other_commands_read(tmp_path, capfd):
-    photo, svg, npz = (tmp_path / f"drawing.{suffix}" for suffix in ("png", "svg", "npz"))
-    photo.write_bytes(as_png(DRAWING))
-    command = [str(photo), "-o", str(svg), "--areas", "always", "--save-scene", str(npz)]
-    assert main([*command, "--outline", str(tmp_path / "outline.svg")]) == 0
-    scene = Scene.load(npz)
-    shapes = next(line for line in capfd.readouterr().err.splitlines() if "shapes" in line)
-    assert shapes.startswith(f"shapes  {AreaCounts.of(scene.areas)}: more would improve it too")
-    assert main(["check", str(photo), str(svg), "--min-psnr", "40"]) == 0
 
 
 def test_the_areas_of_a_start_are_refined_and_not_found_again(drawing):
@@ -206,18 +159,12 @@ def shifted(outline: Outline, by: float) -> Outline:
     return dataclasses.replace(outline, points=[(x + by, y) for x, y in outline.points])
 
 
-def test_a_start_has_areas_if_and_only_if_the_file_may_have_them(drawing, tmp_path, refusal):
-    result = drawing
+def test_a_start_has_areas_if_and_only_if_the_file_may_have_them(drawing):
     for given in ({"areas": "never"}, {"gaussians": 9}, {"falloff": "gaussian"}):
         with pytest.raises(InputError, match=r"start must be a scene without areas; got .* nodes"):
-            vectorize(DRAWING, start=result.scene, **given)
-    photo, start = tmp_path / "drawing.png", tmp_path / "start.svg"
-    photo.write_bytes(as_png(DRAWING))
-    start.write_text(result.svg)
-    command = [str(photo), "-o", str(tmp_path / "out.svg"), "--start", str(start)]
-    assert "--start must be a scene without areas" in refusal(*command, "--areas=never")
-    start.write_text(vectorize(DRAWING, gaussians=3).svg)
-    assert "--start must be a scene that has areas" in refusal(*command, "--areas=always")
+            vectorize(DRAWING, start=drawing.scene, **given)
+    with pytest.raises(InputError, match="start must be a scene that has areas; got 3 Gaussians"):
+        vectorize(DRAWING, start=vectorize(DRAWING, gaussians=3).scene, areas="always")
 
 
 def glowing(side):
@@ -226,7 +173,7 @@ def glowing(side):
     return over(shapes, clouds(side))
 
 
-GLOWS, CLEAR_BALL = glowing(SIDE), ball(SIDE, clear=True)
+GLOWS = glowing(SIDE)
 
 
 @pytest.fixture(scope="module")
@@ -253,47 +200,9 @@ def test_gaussians_do_not_spill_over_the_page(glows):
     assert 255 * np.abs(glows.raster - GLOWS)[:12, -20:].max() < 3
 
 
-def test_areas_that_only_add_errors_go(glows):
-    scene, picture = glows.scene, render(glows.scene)
-    strip = dataclasses.replace(scene.areas[0], paint=(0.0, 0.0, 0.0)).scaled(0.2, 0.2)
-    for k in (0, 1, len(scene.areas)):
-        areas = (*scene.areas[:k], strip, *scene.areas[k:])
-        worse = scene.replace(areas=areas, level=scene.level + (scene.level >= k))
-        assert without_idle(worse, lambda one: -model_psnr(one, picture)).areas == scene.areas
-
-
-@pytest.mark.sweep
-def test_a_ball_is_as_close_in_its_limit_as_its_areas_are_at_any_size():
-    picture = ball(96)
-    found = find_areas(picture)
-    areas = write_svg(Scene(96, 96, background=found.background, areas=found.areas))
-    result = vectorize(picture, max_bytes=5000)
-    for side in (96, 4 * 96):
-        both, alone = (psnr(rasterize(svg, side, side), ball(side)) for svg in (result.svg, areas))
-        assert both > alone + 1
-
-
 @pytest.mark.parametrize("picture", [CLEAR, SHADED], ids=["alpha", "gradient"])
 def test_a_drawing_has_areas_alone_by_default(picture):
     assert vectorize(picture).report["gaussians"] == 0
-
-
-@pytest.mark.sweep
-def test_letters_of_strokes_are_lines_if_bytes_are_scarce():
-    letter = ("M5 0H0V10H5M0 4.8H4", "M0 10V0L6 10V0", "M0 10 3 0 6 10M1.2 6H4.8", "M0 0H6M3 0V10")
-    text = "".join(
-        f'<path transform="translate({8.3 + 11 * x} {9.4 + 19 * y})" d="{letter[(x + y) % 4]}"/>'
-        for y in range(6) for x in range(10)
-    )  # fmt: skip
-    page = '<path fill="#fff" d="M0 0h128v128H0z"/>'
-    ink = f'<g fill="none" stroke="#17324d" stroke-width="1.4">{text}</g>'
-    picture = rasterize(FRAME.format(page + ink), 128, 128)
-    free = vectorize(picture, areas="always", markup="minimal")
-    limit = int(0.6 * free.report["svg_bytes"])
-    result = vectorize(picture, areas="always", max_bytes=limit)
-    assert all(area.is_line for area in result.scene.areas)
-    assert sum(len(area.outlines) for area in result.scene.areas) > 60
-    assert result.report["psnr_svg"] > 16  # 18.4, and less than 14 without strokes
 
 
 @pytest.mark.sweep
@@ -364,13 +273,6 @@ def test_a_drawing_with_a_photo_in_it_has_ellipses_in_inks():
     assert vectorize(picture, inks=4, quality="draft").report["area_count"] == 0
 
 
-@pytest.mark.sweep
-def test_a_count_is_a_bound_beside_a_limit_and_leaves_areas():
-    report = vectorize(GLOWS, gaussians=5, max_bytes=6000).report
-    assert report["area_count"] > 0
-    assert report["gaussians"] <= 5
-
-
 @pytest.mark.parametrize(
     ("picture", "target", "needs_gaussians"),
     [(DRAWING, 30, False), (GLOWS, 36, True)],
@@ -401,20 +303,6 @@ def test_a_run_that_is_stopped_while_it_fits_gaussians_keeps_its_areas():
     assert states[0][1] == 0 < states[-1][1]
     assert result.report["stop_reason"] == "interrupted"
     assert min(result.report["area_count"], result.report["gaussians"]) > 0
-
-
-@pytest.mark.sweep
-def test_gaussians_above_areas_leave_a_transparent_page_clear():
-    found = find_areas(CLEAR_BALL)
-    areas = Scene(SIDE, SIDE, transparent=True, areas=found.areas)
-    result = vectorize(CLEAR_BALL, max_bytes=5000)
-    assert min(result.report["area_count"], result.report["gaussians"]) > 0
-    y, x = np.mgrid[:SIDE, :SIDE] + 0.5
-    outside = np.hypot(x - 0.45 * SIDE, y - 0.42 * SIDE) > 0.24 * SIDE + 4
-    assert result.raster[outside, 3].max() < 0.02
-    for name, backdrop in (("psnr_svg", 1), ("psnr_svg_black", 0)):
-        alone = over(rasterize_rgba(write_svg(areas), SIDE, SIDE), backdrop)
-        assert result.report[name] > psnr(alone, over(CLEAR_BALL, backdrop)) + 1
 
 
 def test_areas_and_gaussians_of_a_start_are_refined(glows):
@@ -449,23 +337,16 @@ def test_cairo_draws_the_gradients_of_a_large_drawing():
     assert psnr(rasterize(result.svg, 1100, 400, "cairo"), picture) > 40
 
 
-def test_a_sprite_is_exact_in_few_bytes_and_its_file_is_read_again():
-    result = vectorize(SPRITE)
-    assert (result.raster == result.photo).all()
+@pytest.mark.parametrize(("sprite", "limit"), [(SPRITE, None), (CLEAR_SPRITE, 8000)])
+def test_a_sprite_is_exact_in_few_bytes_and_its_file_is_read_again(sprite, limit):
+    result = vectorize(sprite, max_bytes=limit)
+    assert (over(result.raster) == over(sprite / np.float32(255))).all()
     assert (len(result.scene.areas), len(result.scene)) == (3, 0)
     # vtracer has 28 kB, by polygons that are not exact.
     assert result.report["svg_bytes"] < 5000
     again = read_svg(result.svg)
     assert [area.paint for area in again.areas] == [area.paint for area in result.scene.areas]
-    assert (rasterize(result.svg, 48, 48) == SPRITE / np.float32(255)).all()
-
-
-@pytest.mark.parametrize("limit", [None, 8000])
-def test_a_sprite_with_alpha_is_exact(limit):
-    result = vectorize(CLEAR_SPRITE, max_bytes=limit)
-    drawn = rasterize_rgba(result.svg, 48, 48)
-    assert (over(drawn) == over(CLEAR_SPRITE / np.float32(255))).all()
-    assert result.scene.transparent
+    assert result.scene.transparent == (sprite is CLEAR_SPRITE)
 
 
 def test_a_file_within_the_limit_is_exact_and_another_one_has_what_fits():

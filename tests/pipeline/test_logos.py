@@ -1,14 +1,10 @@
 """Properties of small logos: they are areas and lines at any size, also as JPEG."""
 
-import io
-
 import numpy as np
 import pytest
 from PIL import Image
 
 from gauss2svg import RunOptions, vectorize
-from gauss2svg.areas.find import find_areas
-from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.raster import rasterize
 
 
@@ -24,32 +20,11 @@ def wordmark(width: int, height: int, ink=(10, 46, 31)) -> Image.Image:
     return Image.fromarray(page).reduce(4)
 
 
-def jpeg(picture: Image.Image, quality: int) -> Image.Image:
-    file = io.BytesIO()
-    picture.save(file, "JPEG", quality=quality)
-    return Image.open(file)
-
-
 @pytest.mark.parametrize("size", [(300, 200), (500, 333)])
 def test_a_logo_has_no_gaussians_whatever_its_size(size):
     result = vectorize(np.asarray(wordmark(*size, ink=(0, 0, 0))))
     assert len(result.scene) == 0
     assert len(result.svg) < 4000
-
-
-@pytest.mark.parametrize("ink", [(10, 46, 31), (255, 237, 0)])
-def test_a_small_logo_as_jpeg_may_have_areas(ink):
-    for size in ((160, 40), (240, 60)):
-        assert may_have_areas(np.asarray(jpeg(wordmark(*size, ink), 75), np.float32) / 255)
-
-
-def test_hatching_in_a_jpeg_is_no_photo_in_a_drawing():
-    y, x = np.mgrid[:800, :800] / 4
-    inside = (np.hypot(x - 100, y - 100) < 80) & ((x + y) % 17 < 9)
-    page = Image.fromarray(np.where(inside[..., None], np.uint8([0, 0, 0]), np.uint8(255)))
-    found = find_areas(np.asarray(jpeg(page.reduce(4), 85), np.float32) / 255)
-    assert found.explained > 0.95
-    assert found.psnr > 20
 
 
 def boxes(resample: Image.Resampling) -> np.ndarray:

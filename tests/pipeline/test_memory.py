@@ -7,7 +7,6 @@ import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
-import psutil
 import pytest
 from flat import vectorize
 from hypothesis import given
@@ -18,10 +17,9 @@ from PIL import Image
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.photo.pixels import Header
-from gauss2svg.pipeline import budgets as memory
-from gauss2svg.pipeline.budgets import Load, free_bytes, load_of, memory_limit, size_that_fits
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import Load, free_bytes, load_of, size_that_fits
 
 SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
 LOADS = st.builds(
@@ -108,13 +106,6 @@ def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
     assert vectorize(photo, max_memory=limit, max_size=32, **QUICK).report["notes"] == []
 
 
-def test_a_share_of_what_is_free_and_its_own_is_allowed(monkeypatch):
-    monkeypatch.setattr(memory, "free_bytes", lambda: 10**8)
-    own = psutil.Process().memory_info().rss
-    assert memory_limit(None) == pytest.approx(memory.MEMORY_SHARE * (10**8 + own), rel=0.02)
-    assert memory_limit(2 * 10**9) == 2 * 10**9
-
-
 def group(folder, most, used, idle):
     """Write the files of a control group."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -151,10 +142,3 @@ def test_what_cannot_fit_is_refused_by_its_header(kind, monkeypatch):
 def test_a_stream_that_is_read_once_is_still_read(photo):
     once = SimpleNamespace(read=io.BytesIO(as_png(photo)).read)
     assert vectorize(once, **QUICK).report["width"] == 128
-
-
-def test_decoding_a_transparent_photo_takes_more_memory():
-    opaque, transparent = (Header(4000, 3000, has_alpha) for has_alpha in (False, True))
-    memory.check_decoding(opaque, 10**9, is_reduced=False)
-    with pytest.raises(InputError, match="memory must be at least"):
-        memory.check_decoding(transparent, 10**9, is_reduced=False)

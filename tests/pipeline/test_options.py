@@ -131,7 +131,3 @@ def test_keywords_are_refused_with_the_class_to_which_they_belong():
     many: Any = gauss2svg.vectorize_many
     with pytest.raises(TypeError, match=r"max_size belongs to options=Options\(run=RunOptions\("):
         many(["photo.png"], "out", max_size=9)
-    with pytest.raises(InputError, match="options must be an Options"):
-        many(["photo.png"], "out", {})
-    with pytest.raises(InputError, match=r"got 'hgih'\. Try high"):
-        many(["photo.png"], "out", quality="hgih")

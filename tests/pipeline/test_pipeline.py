@@ -80,12 +80,6 @@ def test_missing_renderer_is_reported_before_the_fit(photo, monkeypatch):
         vectorize(photo, renderer="cairo", progress=lambda p: pytest.fail(p.phase), **QUICK)
 
 
-def test_palette_trades_bytes_for_accuracy(photo):
-    few, many = (vectorize(photo, palette=n, **QUICK).report for n in (16, 0))
-    assert few["svg_bytes"] < 0.6 * many["svg_bytes"]
-    assert few["psnr_svg"] < many["psnr_svg"]
-
-
 def test_saved_scene_writes_the_same_file(result, tmp_path):
     result.scene.save(tmp_path / "scene.npz")
     again = type(result.scene).load(tmp_path / "scene.npz")
@@ -137,13 +131,3 @@ def test_targets_and_presets_hold_for_additive_blending(photo, portable):
     close = vectorize(photo, target_psnr=24, **draft)
     assert 23.95 <= close.report["psnr_svg"] < 26
     assert close.report["stop_reason"] == "target_psnr"
-
-
-def test_the_portable_form_has_as_many_as_were_asked_for(photo):
-    """Additive fits lose some invisible Gaussians, which others replace."""
-    options = {"blend": ADD, "gaussians": 300, "iterations": 30, "init": "random"}
-    assert len(vectorize(photo, **options).scene) < 300
-    result = vectorize(photo, portable=True, **options)
-    assert 280 < len(result.scene) <= 300
-    assert (np.diff(result.scene.round_index) >= 0).all()
-    assert result.report["rounds"] == 6

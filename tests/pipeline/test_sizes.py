@@ -17,9 +17,9 @@ from PIL import Image
 from gauss2svg.measure.check import check
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.pixels import Header
-from gauss2svg.pipeline.budgets import MEASURED_PIXELS, load_of, measured_size
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import MEASURED_PIXELS, load_of, measured_size
 
 SIDES = st.integers(1, 20_000)
 LARGE = 10_000
@@ -29,7 +29,7 @@ SMALL = {"quality": "draft", "gaussians": 40, "iterations": 20, "max_size": 60}
 @pytest.fixture(autouse=True, scope="module")
 def _large_is_small():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gauss2svg.pipeline.budgets.MEASURED_PIXELS", LARGE)
+        patch.setattr("gauss2svg.pipeline.run.MEASURED_PIXELS", LARGE)
         yield
 
 
@@ -106,17 +106,6 @@ def test_nothing_is_done_at_the_size_of_a_large_photo():
     finally:
         tracemalloc.stop()
     assert peak < 12 * 1600 * 1200  # of one array of its samples as float32
-
-
-def test_bytes_go_as_far_for_a_large_photo_as_for_the_same_one_reduced():
-    pixels = load_image(jpeg(48, 32)).pixels
-    enlarged = np.kron(pixels, np.ones((4, 4, 1), np.float32))
-    small, large = (
-        vectorize(one, max_bytes=500, iterations=3, areas="never").report
-        for one in (pixels, enlarged)
-    )
-    assert large["gaussians"] >= 0.95 * small["gaussians"] - 1
-    assert (large["width"], small["width"]) == (192, 48)
 
 
 @pytest.mark.parametrize(

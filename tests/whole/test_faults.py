@@ -83,8 +83,8 @@ def one_search(monkeypatch, unscored, tmp_path):
     found = []
     monkeypatch.setattr(os, "fsync", lambda _: None)  # slow, and no fault is put there
 
-    def once(outcomes, plan):
-        found.append(found[0] if found else best_of(outcomes, plan))
+    def once(*given):
+        found.append(found[0] if found else best_of(*given))
         return found[-1]
 
     monkeypatch.setattr("gauss2svg.pipeline.vectorize.best_of", once)
