@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from gauss2svg.options import Interval, OptionGroup
+from gauss2svg.svg import check_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,5 +19,5 @@ class BatchOptions(OptionGroup):
     """Number of worker processes on this machine. The default is one for each core, or as many as
     the memory allows."""
 
-    scheduler: str | None = None
+    scheduler: Annotated[str | None, check_text] = None
     """Address of a Dask scheduler whose workers do the work, such as tcp://host:8786."""

@@ -375,7 +375,7 @@ def test_gaussians_are_tried_where_the_error_is_wider_than_edges(is_soft):
         light = np.exp(-(distance**2) / 200) if is_soft else distance < 0.8
         picture += (0.4 * light[..., None]).astype("f4")
     plan = dataclasses.replace(Plan(Options()), has_areas=True, rate=RATE)
-    subject = Subject.of(picture)
+    subject = Subject(picture, picture, (64, 64))
     trials = Trials(plan, subject, Exporter(plan, subject), lambda: False)
     page = Area((Outline(((0, 0), (64, 0), (64, 64), (0, 64)), (False,) * 4),), (0.5,) * 3)
     found = dataclasses.replace(nothing(picture), areas=(page,), background=(0.5,) * 3)

@@ -96,7 +96,7 @@ def test_an_interrupted_search_keeps_its_limit_and_makes_no_corrections(command,
 
 
 def test_first_signal_ends_the_search_for_areas(command, at, capfd):
-    at(signal.SIGINT, "write")
+    at(signal.SIGINT, 30)
     assert main(["photo.png", "-o", "out.svg", "--areas", "always", *command[-3:]]) == 130
     assert "interrupted. The best picture so far is in out.svg" in capfd.readouterr().err
     assert report_of_the_file()["stop_reason"] == "interrupted"
