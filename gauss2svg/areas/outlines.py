@@ -32,7 +32,8 @@ from gauss2svg.without_scipy import smoothed
 Weights = Callable[[Floats], Floats]
 ARM = 5  # points before and after a corner between which it turns
 FINE = 3  # samples of a field for each px
-LEAST_DOT = 0.5  # px^2 of a dot, because smaller ones are noise
+SEEN = 0.2  # least share of a dot in its pixels
+LEAST_DOT, MOST_DOT = 0.5, 3.0  # px^2 of a dot, because smaller ones are noise
 
 _segment_bytes = Kernel("segment_bytes", "int float64 bool float float64")
 _fit_run = Kernel(
@@ -157,10 +158,10 @@ def _dots_of(share: Floats) -> list[Floats]:
     Points and dots of small text may have less than half of each of their pixels.
     """
     dots = []
-    part, boxes = parts_of(share > 0.2)
+    part, boxes = parts_of(share > SEEN)
     for k, box in enumerate(boxes, 1):
         own = np.where(part[box] == k, share[box], 0)
-        if LEAST_DOT <= (total := own.sum()) < 3:
+        if LEAST_DOT <= (total := own.sum()) < MOST_DOT:
             middle = [
                 np.average(places + 0.5, weights=own) + side.start
                 for places, side in zip(np.indices(own.shape), box, strict=True)

@@ -202,9 +202,10 @@ def _keep_dots(labels: Ints, shares: Shares) -> None:
 
     Points and dots of small text have a pixel or two in all.
     """
-    total = np.bincount(shares.label.ravel() + 1, shares.share.ravel())[1:]
+    seen = np.where(shares.share > outlines.SEEN, shares.share, 0)
+    total = np.bincount(shares.label.ravel() + 1, seen.ravel())[1:]
     total[np.unique(labels)] = 0
-    small = np.flatnonzero(total >= outlines.LEAST_DOT)
+    small = np.flatnonzero((total >= outlines.LEAST_DOT) & (total < outlines.MOST_DOT))
     ys, xs, slot = np.nonzero(np.isin(shares.label, small))
     for k in np.argsort(shares.share[ys, xs, slot], kind="stable"):
         labels[ys[k], xs[k]] = shares.label[ys[k], xs[k], slot[k]]
