@@ -92,7 +92,7 @@ class Visit:
         self.complaints: list[str] = []
         self._context = browser.new_context(**({"viewport": WIDE} | options))
         self.page = self._context.new_page()
-        self.page.set_default_timeout(5000)
+        self.page.set_default_timeout(30_000)
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("requestfailed", self._miss)
         self.page.on("console", self._hear)
