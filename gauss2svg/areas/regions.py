@@ -35,8 +35,8 @@ def cores_of(pixels: Floats) -> tuple[Ints, int]:
     FLAT, or which are shaded evenly. Neighbours of nearly the same values have the same label. All
     other pixels have the label -1. Larger cores have smaller labels.
     """
-    spread = (over_blocks(pixels, np.maximum) - over_blocks(pixels, np.minimum)).max(axis=-1)
-    bend = over_blocks(bend_of(pixels), np.maximum)
+    spread = spread_of(pixels, 2).max(axis=-1)
+    bend = ndimage.maximum_filter(bend_of(pixels), 2)
     is_even = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
     return cores_of_blocks(pixels, is_even, max(FLAT, STEEP))
 
@@ -47,10 +47,7 @@ def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, in
     block  (h, w) whether the pixels of the block of 2 x 2 that ends at a pixel are alike
     most   largest difference of neighbours of one core
     """
-    core = block.copy()
-    core[:-1] |= block[1:]
-    core[:, :-1] |= block[:, 1:]
-    core[:-1, :-1] |= block[1:, 1:]
+    core: Any = ndimage.binary_dilation(block, np.ones((2, 2)))
     # Every other row and column are pixels. Those between tell which neighbours are joined.
     h, w = core.shape
     joined = np.zeros((2 * h - 1, 2 * w - 1), bool)
@@ -78,13 +75,13 @@ def bend_of(pixels: Floats) -> Floats:
     return bend
 
 
-def over_blocks(values: Floats, combine: np.ufunc) -> Floats:
-    """Return the maximum or minimum over the block of 2 x 2 pixels that ends at each pixel."""
-    result = values.copy()
-    combine(result[1:], values[:-1], out=result[1:])
-    across = result.copy()
-    combine(result[:, 1:], across[:, :-1], out=result[:, 1:])
-    return result
+def spread_of(values: Floats, side: int) -> Floats:
+    """Return the largest differences (h, w, c) in the squares of `side` px around pixels.
+
+    A square of 2 px ends at its pixel.
+    """
+    high: Any = ndimage.maximum_filter(values, (side, side, 1))
+    return high - ndimage.minimum_filter(values, (side, side, 1))
 
 
 def renamed(labels: Ints, names: Ints) -> Ints:

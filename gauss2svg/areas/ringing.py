@@ -18,6 +18,7 @@ from gauss2svg import portable
 from gauss2svg.areas.arrays import LEVEL, Floats
 from gauss2svg.areas.clean import LUMA
 from gauss2svg.areas.find import channels_of
+from gauss2svg.areas.regions import spread_of
 from gauss2svg.photo.pixels import from_views
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene.areas import Area, Color
@@ -78,10 +79,10 @@ def without_bands(picture: Floats, most: float = 0.12) -> Floats:
         if not _has_rung_colors(picture):
             return picture
     values = _with_alpha(channels_of(picture))
-    high, low = (f(values, (7, 7, 1)) for f in (ndimage.maximum_filter, ndimage.minimum_filter))
+    spread = spread_of(values, 7)
     for smooth in (ndimage.grey_opening, ndimage.grey_closing):
         new = smooth(values, (3, 3, 1))
-        values = np.where(np.abs(new - values) <= most * (high - low), new, values)
+        values = np.where(np.abs(new - values) <= most * spread, new, values)
     return _picture(_channels(values))
 
 
