@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from gauss2svg.areas.arrays import Floats
 from gauss2svg.areas.outlines import (
     Path,
     Weights,
+    angles_of,
     fitted_curve,
     lengths_of,
     merged_path,
@@ -110,9 +112,7 @@ def with_caps(drawing: Drawing, rate: float) -> list[Layer]:
     """Return the layers of a drawing, with round ends for the lines to which these are closer."""
     layers = drawing.current()
     others = [rounded(layer) for layer in layers]
-    before = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
-    after = ((drawing.with_layers(others).draw() - drawing.pixels) ** 2).sum(axis=-1)
-    saved = drawing.focused(before - after)
+    saved = drawing.focused(_errors(drawing) - _errors(drawing.with_layers(others)))
 
     def gain_of(path: Path, width: float) -> float:
         """Return by how much the squared error falls near the ends of a line."""
@@ -179,24 +179,25 @@ def without_kinks(drawing: Drawing) -> list[Layer]:
     kinks = [[kinks_of(path) for path in layer.paths] for layer in layers]
     if not any(map(any, kinks)):
         return layers
-    before = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
-    trial = drawing.with_layers(_all_without(layers, kinks))
+
+    def without(is_needless: Callable[[Kink], bool]) -> list[Layer]:
+        return [
+            layer.replace(
+                [_without(*one, is_needless) for one in zip(layer.paths, own, strict=True)]
+            )
+            for layer, own in zip(layers, kinks, strict=True)
+        ]
+
+    before = _errors(drawing)
+    trial = drawing.with_layers(without(lambda kink: True))
     trial.refine(8, colors=False)
-    after = ((trial.draw() - drawing.pixels) ** 2).sum(axis=-1)
-    rise = drawing.focused(after - before)
-    needless = [
-        [[kink for kink in one if _sum_at(rise, kink.place) <= 0.03] for one in of_layer]
-        for of_layer in kinks
-    ]
-    return _all_without(layers, needless)
+    rise = drawing.focused(_errors(trial) - before)
+    return without(lambda kink: rise[_around(kink.place[None], 3)].sum() <= 0.03)
 
 
-def _all_without(layers: list[Layer], kinks: list[list[list[Kink]]]) -> list[Layer]:
-    """Return layers without some kinks of their paths."""
-    return [
-        layer.replace([_without(*pair) for pair in zip(layer.paths, of_layer, strict=True)])
-        for layer, of_layer in zip(layers, kinks, strict=True)
-    ]
+def _errors(drawing: Drawing) -> Floats:
+    """Return the squared errors (h, w) of a drawing as it is now."""
+    return ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
 
 
 def kinks_of(path: Path) -> list[Kink]:
@@ -206,7 +207,7 @@ def kinks_of(path: Path) -> list[Kink]:
     segments, curved, count = path.segments, path.curved, len(path.curved)
     starts = np.where(curved[:, None], segments[:, 1], segments[:, 3]) - segments[:, 0]
     ends = segments[:, 3] - np.where(curved[:, None], segments[:, 2], segments[:, 0])
-    turn = _turns(np.roll(ends, 1, axis=0), starts)
+    turn = angles_of(np.roll(ends, 1, axis=0), starts)
     length = portable.hypot(*(segments[:, 3] - segments[:, 0]).T)
     is_short = np.minimum(length, np.roll(length, 1)) <= 3
     kinks = list[Kink]()
@@ -230,17 +231,12 @@ def kinks_of(path: Path) -> list[Kink]:
 def _bend(points: Floats, before: Floats, after: Floats) -> float:
     """Return the sum of the turns along points (n, 2) from one direction (2,) to another one."""
     steps = np.vstack([before, np.diff(points, axis=0), after])
-    return float(_turns(steps[:-1], steps[1:]).sum())
+    return float(angles_of(steps[:-1], steps[1:]).sum())
 
 
-def _turns(u: Floats, v: Floats) -> Floats:
-    """Return the angles (k,) between vectors (k, 2), in 0..pi."""
-    return np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
-
-
-def _without(path: Path, kinks: list[Kink]) -> Path:
-    """Return a path with one curve for the two segments beside each of the kinks."""
-    if not kinks:
+def _without(path: Path, kinks: list[Kink], is_needless: Callable[[Kink], bool]) -> Path:
+    """Return a path with one curve for the two segments beside each of the needless kinks."""
+    if not (kinks := list(filter(is_needless, kinks))):
         return path
     segments, curved = path.segments.copy(), path.curved.copy()
     at = np.array([kink.segment for kink in kinks])
@@ -249,12 +245,3 @@ def _without(path: Path, kinks: list[Kink]) -> Path:
     left = np.ones(len(curved), bool)
     left[at - 1] = False
     return path._replace(segments=segments[left], curved=curved[left])
-
-
-def _sum_at(values: Floats, place: Floats) -> float:
-    """Return the sum of values (h, w) within 3 px of a place along x and y."""
-    x, y = place
-    h, w = values.shape
-    ys = slice(max(int(y - 3), 0), min(int(y + 3) + 1, h))
-    xs = slice(max(int(x - 3), 0), min(int(x + 3) + 1, w))
-    return float(values[ys, xs].sum())

@@ -70,6 +70,18 @@ def lengths_of(segments: Floats) -> Floats:
     return portable.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1)
 
 
+def angles_of(u: Floats, v: Floats) -> Floats:
+    """Return the angles (k,) between vectors (k, 2), in 0..pi."""
+    return np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
+
+
+def meeting_of(p: Floats, u: Floats, q: Floats, v: Floats) -> Floats | None:
+    """Return where lines through p along u and q along v meet. None: they are nearly parallel."""
+    det = u[1] * v[0] - u[0] * v[1]
+    x, y = q - p
+    return p + (y * v[0] - x * v[1]) / det * u if abs(det) > 0.15 else None
+
+
 def weights_by(contrast: Floats, left: int, top: int, shape: tuple[int, ...]) -> Weights:
     """Return the function that gives points the contrast (h, w) of a box, whose corner is here.
 
@@ -201,8 +213,7 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
     if n < 4 * ARM:
         return np.arange(0)
     before, after = points - np.roll(points, ARM, axis=0), np.roll(points, -ARM, axis=0) - points
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    turn = np.abs(portable.arctan2(cross, (before * after).sum(axis=1)))
+    turn = angles_of(before, after)
     if not closed:
         turn[:ARM] = turn[-ARM:] = 0
     around = np.stack([np.roll(turn, k) for k in range(-ARM, ARM + 1)])
@@ -249,11 +260,9 @@ def with_corners(
                 portable.main_axis(side - middle)
                 for side, middle in zip(sides, (p, q), strict=True)
             )
-            det = u[1] * v[0] - u[0] * v[1]
-            if abs(det) > 0.15:  # the lines are not nearly parallel
-                meeting = p + ((q - p)[1] * v[0] - (q - p)[0] * v[1]) / det * u
-                if portable.hypot(*(meeting - points[corner])) < 2:
-                    moved[corner] = meeting
+            meeting = meeting_of(p, u, q, v)
+            if meeting is not None and portable.hypot(*(meeting - points[corner])) < 2:
+                moved[corner] = meeting
         away = np.arange(1, cut)
         keep[(corner - away) % n] = keep[(corner + away) % n] = False
     keep[corners] = True
@@ -342,10 +351,8 @@ def _move_joins(pieces: list[_Piece], fitted: Callable[[int, int], _Piece]) -> N
     """
     for shift, k in itertools.product((8, 4, 2, 1), range(len(pieces))):
         j = (k + 1) % len(pieces)
-        u = pieces[k].segment[3] - pieces[k].segment[2]
-        v = pieces[j].segment[1] - pieces[j].segment[0]
-        turn = portable.arctan2(u[0] * v[1] - u[1] * v[0], portable.dot(u, v))
-        for by in (-shift, shift) if abs(turn) < 0.2 else ():
+        u, v = np.diff(pieces[k].segment[2:], axis=0), np.diff(pieces[j].segment[:2], axis=0)
+        for by in (-shift, shift) if angles_of(u, v) < 0.2 else ():
             while True:
                 (first, last), (begin, end) = pieces[k].run, pieces[j].run
                 if min(last - first + by, end - begin - by) <= 1:

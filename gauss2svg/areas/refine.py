@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.areas.arrays import Bools, Floats, Ints
-from gauss2svg.areas.outlines import Path, lengths_of
+from gauss2svg.areas.outlines import Path, angles_of, lengths_of
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
@@ -468,8 +468,7 @@ def tied(
     other = np.where(curved, segment[:, 1], segment[:, 3])
     u, v = point[node] - point[one], point[other] - point[node]
     long_u, long_v = portable.hypot(*u.T), portable.hypot(*v.T)
-    turn = np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
-    is_smooth = (turn <= np.radians(12)) & (np.minimum(long_u, long_v) >= 0.3)
+    is_smooth = (angles_of(u, v) <= np.radians(12)) & (np.minimum(long_u, long_v) >= 0.3)
     at = np.flatnonzero(is_smooth & (before >= 0) & (was_curved | curved))
     node, one, other, u, v, long_u, long_v = (
         values[at] for values in (node, one, other, u, v, long_u, long_v)
