@@ -404,22 +404,21 @@ def merged_path(
     """
     run, segment, result = np.zeros(2, np.int64), np.empty((4, 2)), np.empty(3)
     places = np.empty(2 * len(points) + 2)
-    fit_curve, fit_any = (
+    fits = [
         _fit_run.prepared(
             len(points), points, weight, noise, places, run, only_curves, unit, rate, segment,
             result,
         )
-        for only_curves in (True, False)
-    )  # fmt: skip
+        for only_curves in (False, True)
+    ]  # fmt: skip
 
-    def best_of(fit: Callable[[], int], first: int, last: int) -> _Piece:
+    def curve(first: int, last: int, only_curves: bool = True) -> _Piece:
         run[:] = first, last
-        fit()
+        fits[only_curves]()
         is_curve, error, size = result.tolist()
         return _Piece((first, last), segment.copy(), bool(is_curve), error, size)
 
-    curve = functools.partial(best_of, fit_curve)
-    line_or_curve = functools.partial(best_of, fit_any)
+    line_or_curve = functools.partial(curve, only_curves=False)
     runs = itertools.pairwise(start.tolist())
     if path is None:
         pieces = [curve(*ends) for ends in runs]

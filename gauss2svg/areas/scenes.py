@@ -20,6 +20,7 @@ from gauss2svg.areas.find import (
     UNIT,
     FoundAreas,
     Progress,
+    both_views,
     channels_of,
     refined,
     shown_areas,
@@ -157,10 +158,7 @@ def as_rasterized(
 
     def raster() -> NDArray[np.float32]:
         image = rasterize(shown_areas(drawing)[0])
-        if pixels.shape[2] == 3:
-            return changed(image[..., :3])
-        over_black = image[..., :3] * image[..., 3:]
-        return np.concatenate([over_black, over_black + 1 - image[..., 3:]], axis=-1)
+        return changed(image[..., :3]) if pixels.shape[2] == 3 else both_views(image)
 
     drawing.rasterize = raster
     # If another renderer made the picture, the raster has many times the error of exact coverage.
