@@ -21,7 +21,7 @@ from gauss2svg.areas import arrays, outlines
 from gauss2svg.areas.arrays import LEVEL, Bools, Box, Floats, Ints, dilated, parts_of
 from gauss2svg.areas.centrelines import STEP, Chain, chains_of
 from gauss2svg.areas.merge import rounded
-from gauss2svg.areas.outlines import Path, Weights, lengths_of
+from gauss2svg.areas.outlines import Path, Weights
 from gauss2svg.areas.paint import LEAST_OPACITY, Paint, opacity_of
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Regions
@@ -41,11 +41,6 @@ class Line(NamedTuple):
     region: int
     path: Path
     width: float
-
-    @property
-    def length(self) -> float:
-        """The length in px of the polygon of its control points."""
-        return float(lengths_of(self.path.segments).sum())
 
 
 class Part(NamedTuple):
@@ -187,7 +182,7 @@ def _chosen(
     contrast = float(((paint.color - ground) ** 2).sum())
     widths = dict.fromkeys(width for _, width in strokes)
     as_lines = [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
-    length = float(sum(lengths_of(path.segments).sum() for path, _ in strokes))
+    length = sum(path.length for path, _ in strokes)
     if _error(as_lines, part) > 0.5 * length:
         return []
     contours = outlines.contours_of(part.share, part.box, pixels.shape)
@@ -307,8 +302,8 @@ def grouped(lines: list[Line], paints: list[Paint]) -> list[Layer]:
     """
     layers = list[Layer]()
     known: dict[Paint, list[tuple[float, Layer]]] = {}  # layers with the length of their lines
-    for line in sorted(lines, key=lambda line: -line.length):
-        length = line.length
+    for line in sorted(lines, key=lambda line: -line.path.length):
+        length = line.path.length
         alike = known.setdefault(paints[line.region], [])
         for k, (total, layer) in enumerate(alike):
             most = 0.05 + 0.02 * layer.width + 1.5 / max(length, 1.0)
@@ -353,7 +348,7 @@ def with_sure_widths(regions: Regions, lines: list[Line]) -> list[Line]:
     paints = regions.paints
     pieces, sure = list[Piece](), list[Line]()
     for k, line in enumerate(lines):
-        own, length = _pieces_of(regions.pixels, k, line.path), line.length
+        own, length = _pieces_of(regions.pixels, k, line.path), line.path.length
         if sum(piece.length for piece in own) >= 0.8 * length:
             pieces += own
         elif line.width > 1.4 and length >= 16:

@@ -48,6 +48,11 @@ class Path(NamedTuple):
     curved: Bools
     closed: bool = True
 
+    @property
+    def length(self) -> float:
+        """The length in px of the polygons of control points."""
+        return float(lengths_of(self.segments).sum())
+
     def moved(self, by: Floats) -> Path:
         """Return the path moved by a vector (2,)."""
         return self._replace(segments=self.segments + by)

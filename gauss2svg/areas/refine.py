@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.arrays import Bools, Floats, Ints
+from gauss2svg.areas.arrays import Bools, Box, Floats, Ints
 from gauss2svg.areas.outlines import Path, angles_of, lengths_of
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
@@ -227,13 +227,11 @@ class Drawing:
         start = self.offset[layer]
         return values[start : start + w * h].reshape(h, w, *values.shape[1:])
 
-    def focused(self, errors: Floats, layer: int | None = None) -> Floats:
-        """Return squared errors (h, w), of the picture or of a layer's box, with their weights."""
-        if self.focus is None:
-            return errors
-        return errors * (self.focus if layer is None else self.focus[self.slices(layer)])
+    def focused(self, errors: Floats, box: Box = np.s_[:, :]) -> Floats:
+        """Return squared errors (h, w), of the picture or of a box, with their weights."""
+        return errors if self.focus is None else errors * self.focus[box]
 
-    def slices(self, layer: int) -> tuple[slice, slice]:
+    def slices(self, layer: int) -> Box:
         """Return the rows and the columns of a layer's box."""
         x, y, w, h = self.box[layer]
         return slice(y, y + h), slice(x, x + w)

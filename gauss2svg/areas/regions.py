@@ -127,15 +127,6 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
     return renamed(labels, names), len(names)
 
 
-def grown(pixels: Floats, labels: Ints) -> Ints:
-    """Return the labels with pixels between the cores joined to those beside them."""
-    labels = labels.astype(np.int32)
-    origin = np.arange(labels.size, dtype=np.int32).reshape(labels.shape)
-    heap = np.empty((4 * np.count_nonzero(labels < 0), 2))
-    _grow_labels(*pixels.shape, pixels, labels, origin, heap)
-    return labels
-
-
 @dataclass
 class Regions:
     """The regions of a picture: their paints, and at most three in each pixel.
@@ -159,8 +150,14 @@ class Regions:
 
     @classmethod
     def of(cls, pixels: Floats, cores: Ints, paints: list[Paint]) -> Self:
-        """Return the regions that grow from cores. A pixel of a core belongs to its region."""
-        labels = grown(pixels, cores)
+        """Return the regions that grow from cores, nearest colours first.
+
+        A pixel of a core belongs to its region alone.
+        """
+        labels = cores.astype(np.int32)
+        origin = np.arange(labels.size, dtype=np.int32).reshape(labels.shape)
+        heap = np.empty((4 * np.count_nonzero(labels < 0), 2))
+        _grow_labels(*pixels.shape, pixels, labels, origin, heap)
         label = np.full((*labels.shape, 3), -1, np.int32)
         share, error = np.zeros(label.shape, np.float32), np.zeros(labels.shape, np.float32)
         label[..., 0], share[..., 0] = labels, 1.0
