@@ -79,15 +79,14 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
         int(k): Junction(np.array(place)[None, ::-1] + 0.5, float(radius))
         for k, place, radius in zip(index, places, radii, strict=True)
     }
-    kept = [i for i, at in enumerate(ends) if not _is_spur(branches[i], at, junctions, half)]
-    for i in {*range(len(ends))} - {*kept}:
-        k = ends[i][0] or ends[i][1]
-        junctions[k] = junctions[k]._replace(has_spur=True)
-    branches, ends = [branches[i] for i in kept], [ends[i] for i in kept]
-    branches = [
-        _cleared(branch, at, junctions, half, share)
-        for branch, at in zip(branches, ends, strict=True)
-    ]
+    kept = list[tuple[Floats, list[int]]]()
+    for branch, at in zip(branches, ends, strict=True):
+        if _is_spur(branch, at, junctions, half):
+            k = at[0] or at[1]
+            junctions[k] = junctions[k]._replace(has_spur=True)
+        else:
+            kept.append((_cleared(branch, at, junctions, half, share), at))
+    branches, ends = [branch for branch, _ in kept], [at for _, at in kept]
     rays = {}
     for i, branch in enumerate(branches):
         width = float(np.median(_widths_along(branch, share, False)))

@@ -63,7 +63,7 @@ def noise_of(pixels: Floats) -> float:
     # Clean drawings have at most a share of .11, JPEG over .2.
     if len(uneven) <= 0.17 * np.count_nonzero(beside):
         return 0.0
-    if textured(pixels, cores_of(pixels)[0]).any():
+    if textured(pixels, cores_of(pixels)).any():
         return 0.0
     # This quantile of uneven second differences is 2.4 times the noise.
     return max(float(np.quantile(uneven, 0.8)) / 2.4, LEAST_NOISE)
@@ -87,7 +87,7 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     for _ in range(3):
         # Cores of what the cores of earlier rounds have left.
         block &= ndimage.maximum_filter(cores, 2) < 0
-        more, _ = cores_of_blocks(smooth, block, 1.5 * noise)
+        more = cores_of_blocks(smooth, block, 1.5 * noise)
         # Shades of an edge have no 3 x 3 pixels.
         is_inner: Any = ndimage.minimum_filter(more, 3) == ndimage.maximum_filter(more, 3)
         more = renamed(more, np.unique(more[is_inner & (more >= 0)]))

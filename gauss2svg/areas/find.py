@@ -14,13 +14,7 @@ from numpy.typing import NDArray
 from gauss2svg import portable
 from gauss2svg.areas import clean, lines, merge, outlines, regions, thin
 from gauss2svg.areas.arrays import Bools, Floats, Ints
-from gauss2svg.areas.paint import (
-    LEAST_OPACITY,
-    Paint,
-    join_parts_of_gradients,
-    opacity_of,
-    paints_of,
-)
+from gauss2svg.areas.paint import LEAST_OPACITY, Paint, opacity_of, paints_of
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Regions
 from gauss2svg.scene.areas import CAPS, Area, Outline
@@ -163,21 +157,21 @@ def first_drawing(
     poll  function that is called often. An exception ends the search
     """
     poll()
-    cores, count = regions.cores_of(picture)
+    cores = regions.cores_of(picture)
     pixels = clean.with_even_photos(picture, cores)
     if shaded:
         pixels = clean.without_shading(pixels)
     if pixels is not picture:
-        cores, count = regions.cores_of(pixels)
+        cores = regions.cores_of(pixels)
     poll()
-    cores, count = regions.without_edge_shades(pixels, cores, count)
+    cores = regions.without_edge_shades(pixels, cores)
+    count = cores.max() + 1
     poll()
     if most_cores is not None and count > most_cores:
         raise NoDrawingError
     if not count:  # no two pixels are alike
         return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [], picture=picture)
-    paints = paints_of(pixels, cores, count)
-    join_parts_of_gradients(pixels, cores, paints)
+    paints = paints_of(pixels, cores)
     poll()
     parts = Regions.of(pixels, cores, paints)
     letter_ground = thin.add_letters(parts)

@@ -229,9 +229,8 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
 def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
     """Return the first curves through a closed contour (n, 2)."""
     points = resampled(points, 0.5)
-    if (
-        len(points) <= 8
-    ):  # no pixel of a dot may have its colour, so pixels do not tell its contrast
+    # No pixel of a dot may have its colour, so pixels do not tell its contrast.
+    if len(points) <= 8:
         weight_at = lambda points: np.ones(len(points))  # noqa: E731
     points, corners = with_corners(points, turns_of(points, np.radians(35)))
     return fitted_path(points, corners, weight_at, unit, rate, True)

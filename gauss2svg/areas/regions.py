@@ -28,8 +28,8 @@ REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/a
 _grow_labels = Kernel("grow_labels", "int int int float32 int32 int32 float64")
 
 
-def cores_of(pixels: Floats) -> tuple[Ints, int]:
-    """Return the labels (h, w) of evenly coloured or shaded pixels, and their number.
+def cores_of(pixels: Floats) -> Ints:
+    """Return the labels (h, w) of evenly coloured or shaded pixels.
 
     A pixel belongs to a core if it is part of a block of 2 x 2 pixels whose values are equal within
     FLAT, or which are shaded evenly. Neighbours of nearly the same values have the same label. All
@@ -41,8 +41,8 @@ def cores_of(pixels: Floats) -> tuple[Ints, int]:
     return cores_of_blocks(pixels, is_even, max(FLAT, STEEP))
 
 
-def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, int]:
-    """Return the labels (h, w) of cores of at least 4 pixels, and their number.
+def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> Ints:
+    """Return the labels (h, w) of cores of at least 4 pixels.
 
     block  (h, w) whether the pixels of the block of 2 x 2 that ends at a pixel are alike
     most   largest difference of neighbours of one core
@@ -63,7 +63,7 @@ def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, in
     del labels, joined  # four times as large
     names, counts = np.unique(component[core], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= 4)]
-    return renamed(component, kept), len(kept)
+    return renamed(component, kept)
 
 
 def bend_of(pixels: Floats) -> Floats:
@@ -91,18 +91,16 @@ def renamed(labels: Ints, names: Ints) -> Ints:
     return table[labels]
 
 
-def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints, int]:
+def without_edge_shades(pixels: Floats, labels: Ints) -> Ints:
     """Return the cores without those that are shades of an edge or of a thin line.
 
     Such a core is at most two pixels wide, and its colour lies between that of the one region
     beside it and that of a pixel or of another region nearby.
     """
-    labels = labels.copy()
+    labels, names = labels.copy(), np.arange(labels.max() + 1)
     channels = np.moveaxis(pixels, 2, 0)
-    color = np.stack([ndimage.mean(one, labels, np.arange(count)) for one in channels], axis=1)
-    for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
-        if box is None:
-            continue
+    color = np.stack([ndimage.mean(one, labels, names) for one in channels], axis=1)
+    for k, box in enumerate(ndimage.find_objects(labels + 1)):
         near = arrays.widened(box, 3, labels.shape)
         inside = labels[near] == k
         if ndimage.binary_erosion(inside, BLOCK, border_value=1).any():
@@ -123,8 +121,7 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
             if np.count_nonzero((share < most) & (share > 0.05) & (off < 1e-3)) >= least:
                 labels[labels == k] = -1
                 break
-    names = np.unique(labels[labels >= 0])
-    return renamed(labels, names), len(names)
+    return renamed(labels, np.unique(labels[labels >= 0]))
 
 
 @dataclass

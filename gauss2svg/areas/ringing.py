@@ -30,10 +30,9 @@ CLIPPED = 9 * LEVEL  # bands of alpha reach so far from 0 and 1, beyond which al
 
 def is_rung(picture: Floats) -> bool:
     """Return whether colours step back beside many edges of a picture, as those of bands do."""
-    if _has_rung_colors(picture):
-        return True
     # Where the page shows, alpha is clipped, so that only the next and fainter band is left.
-    return picture.shape[2] == 4 and _steps_back(picture[..., 3], 0.9 * LEVEL)
+    is_clear = picture.shape[2] == 4
+    return _has_rung_colors(picture) or (is_clear and _steps_back(picture[..., 3], 0.9 * LEVEL))
 
 
 def _has_rung_colors(picture: Floats) -> bool:

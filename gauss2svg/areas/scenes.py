@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas import find
+from gauss2svg.areas.arrays import Floats
 from gauss2svg.areas.clean import without_shading
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
@@ -23,7 +24,6 @@ from gauss2svg.scene import ABOVE, PLAIN, Scene
 from gauss2svg.scene.areas import CAPS, Area, Outline
 from gauss2svg.scene.falloff import covered_radius
 
-Floats = NDArray[np.float64]
 # Function that returns the raster (h, w, 3), or (h, w, 4) with straight alpha, of areas
 Rasterize = Callable[[tuple[Area, ...]], NDArray[np.float32]]
 MOST_IN_BOXES = 100_000_000  # px of all areas' boxes, which take 16 bytes each, or 28 with alpha
