@@ -158,7 +158,7 @@ class Regions:
         label = np.full((*labels.shape, 3), -1, np.int32)
         share, error = np.zeros(label.shape, np.float32), np.zeros(labels.shape, np.float32)
         label[..., 0], share[..., 0] = labels, 1.0
-        at = np.nonzero(cores < 0)
+        at: Any = np.nonzero(cores < 0)
         label[at], share[at], error[at] = Palette.of(paints).explain(pixels, labels, at)
         return cls(pixels, cores, labels, paints, label, share, error)
 
