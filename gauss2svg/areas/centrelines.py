@@ -18,6 +18,7 @@ from skimage.morphology import remove_small_holes, skeletonize
 
 from gauss2svg import portable
 from gauss2svg.areas.arrays import Bools, Floats, Ints, parts_of
+from gauss2svg.areas.outlines import meeting_of
 
 BRIDGE = 4.0  # length in half widths of both sides up to which two junctions may be one crossing
 STEP = 0.6  # px between points across a junction
@@ -78,15 +79,14 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
         int(k): Junction(np.array(place)[None, ::-1] + 0.5, float(radius))
         for k, place, radius in zip(index, places, radii, strict=True)
     }
-    kept = [i for i, at in enumerate(ends) if not _is_spur(branches[i], at, junctions, half)]
-    for i in {*range(len(ends))} - {*kept}:
-        k = ends[i][0] or ends[i][1]
-        junctions[k] = junctions[k]._replace(has_spur=True)
-    branches, ends = [branches[i] for i in kept], [ends[i] for i in kept]
-    branches = [
-        _cleared(branch, at, junctions, half, share)
-        for branch, at in zip(branches, ends, strict=True)
-    ]
+    kept = list[tuple[Floats, list[int]]]()
+    for branch, at in zip(branches, ends, strict=True):
+        if _is_spur(branch, at, junctions, half):
+            k = at[0] or at[1]
+            junctions[k] = junctions[k]._replace(has_spur=True)
+        else:
+            kept.append((_cleared(branch, at, junctions, half, share), at))
+    branches, ends = [branch for branch, _ in kept], [at for _, at in kept]
     rays = {}
     for i, branch in enumerate(branches):
         width = float(np.median(_widths_along(branch, share, False)))
@@ -313,11 +313,9 @@ def _across(a: Ray, b: Ray, junction: Junction) -> Floats:
         p, q = a.point - a.way * length / 3, b.point - b.way * length / 3
         return u * u * u * a.point + 3 * u * t * (u * p + t * q) + t * t * t * b.point
     corner = junction.centre
-    det = a.way[0] * b.way[1] - a.way[1] * b.way[0]
-    if abs(det) > 0.15:
-        meeting = a.point + (gap[0] * b.way[1] - gap[1] * b.way[0]) / det * a.way
-        if portable.hypot(*(meeting - corner)) < 3 * junction.radius + 1:
-            corner = meeting
+    meeting = meeting_of(a.point, a.way, b.point, b.way)
+    if meeting is not None and portable.hypot(*(meeting - corner)) < 3 * junction.radius + 1:
+        corner = meeting
     parts = [
         np.linspace(p, q, max(round(portable.hypot(*(q - p)) / STEP), 1), endpoint=False)
         for p, q in itertools.pairwise([a.point, corner, b.point])

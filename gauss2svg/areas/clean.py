@@ -30,7 +30,7 @@ from gauss2svg import portable
 from gauss2svg.areas import arrays
 from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Floats, Ints, dilated
 from gauss2svg.areas.paint import GOOD, paint_of
-from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blocks, renamed
+from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, renamed, spread_of
 from gauss2svg.areas.texture import TWO_TONED, two_toned
 from gauss2svg.core import Kernel
 from gauss2svg.portable import product
@@ -54,7 +54,8 @@ def noise_of(pixels: Floats) -> float:
     if pixels.shape[2] != 3:
         return 0.0
     luma = product(pixels, LUMA[0].astype(np.float32))
-    distance: Any = ndimage.distance_transform_edt(_contrast(luma[..., None]) <= 24 * LEVEL)
+    contrast = spread_of(luma[..., None], 3)[..., 0]
+    distance: Any = ndimage.distance_transform_edt(contrast <= 24 * LEVEL)
     beside = (distance >= 2.5) & (distance <= 5.5)
     beside[[0, -1]] = beside[:, [0, -1]] = False
     bend = bend_of(luma[..., None])
@@ -62,17 +63,10 @@ def noise_of(pixels: Floats) -> float:
     # Clean drawings have at most a share of .11, JPEG over .2.
     if len(uneven) <= 0.17 * np.count_nonzero(beside):
         return 0.0
-    if textured(pixels, cores_of(pixels)[0]).any():
+    if textured(pixels, cores_of(pixels)).any():
         return 0.0
     # This quantile of uneven second differences is 2.4 times the noise.
     return max(float(np.quantile(uneven, 0.8)) / 2.4, LEAST_NOISE)
-
-
-def _contrast(values: Floats) -> Floats:
-    """Return the largest difference (h, w) of values (h, w, c) in 3 x 3 pixels."""
-    high: Any = ndimage.maximum_filter(values, (3, 3, 1))
-    low: Any = ndimage.minimum_filter(values, (3, 3, 1))
-    return (high - low).max(axis=-1)
 
 
 def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
@@ -86,15 +80,14 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     for _ in range(2):
         noisy, smooth = smooth, np.empty_like(values)
         _average_alike(*values.shape[:2], noisy, local, smooth)
-    spread = over_blocks(smooth, np.maximum) - over_blocks(smooth, np.minimum)
-    spread = (spread / local).max(axis=-1)
-    bend = over_blocks(bend_of(smooth), np.maximum) / local[..., 0]
+    spread = (spread_of(smooth, 2) / local).max(axis=-1)
+    bend: Any = ndimage.maximum_filter(bend_of(smooth), 2) / local[..., 0]
     block = (spread <= 1.3) | ((bend <= 1.0) & (spread <= 3.0))
     cores, colors = np.full(block.shape, -1, np.int32), np.empty((0, 3), np.float32)
     for _ in range(3):
         # Cores of what the cores of earlier rounds have left.
-        block &= over_blocks(cores[..., None], np.maximum)[..., 0] < 0
-        more, _ = cores_of_blocks(smooth, block, 1.5 * noise)
+        block &= ndimage.maximum_filter(cores, 2) < 0
+        more = cores_of_blocks(smooth, block, 1.5 * noise)
         # Shades of an edge have no 3 x 3 pixels.
         is_inner: Any = ndimage.minimum_filter(more, 3) == ndimage.maximum_filter(more, 3)
         more = renamed(more, np.unique(more[is_inner & (more >= 0)]))
@@ -114,7 +107,8 @@ def _local(values: Floats, noise: float, bleeding: float) -> Floats:
     """
     result = np.empty_like(values)
     luma, chroma = (
-        ndimage.maximum_filter(_contrast(values[..., part]), 9) for part in (np.s_[:1], np.s_[1:])
+        ndimage.maximum_filter(spread_of(values[..., part], 3).max(axis=-1), 9)
+        for part in (np.s_[:1], np.s_[1:])
     )
     # Beside a contrast of 60 levels, noise has its full height.
     result[..., 0] = np.clip(noise / (60 * LEVEL) * luma, LEAST_NOISE, noise)
@@ -221,11 +215,10 @@ def quality_of(picture: Floats) -> int | None:
         cosine = portable.cos(2 * np.pi * values[is_rounded] / step[is_rounded])
         return float(cosine.sum()) / np.sqrt(max(len(cosine) / 2, 1))
 
-    scores = {quality: score(quality) for quality in range(20, 100)}  # 100 leaves no noise
-    best = max(scores, key=lambda quality: scores[quality])
+    best = max(range(20, 100), key=score)  # 100 leaves no noise
     # In standard deviations of random phases, the mean cosine is 14 to 140 for JPEGs of 256 px, and
     # up to 6 for pictures reduced by half.
-    return best if scores[best] > 8 else None
+    return best if score(best) > 8 else None
 
 
 def coded(drawn: Floats, quality: int, picture: Floats) -> Floats:

@@ -14,15 +14,9 @@ from numpy.typing import NDArray
 from gauss2svg import portable
 from gauss2svg.areas import clean, lines, merge, outlines, regions, thin
 from gauss2svg.areas.arrays import Bools, Floats, Ints
-from gauss2svg.areas.paint import (
-    LEAST_OPACITY,
-    Paint,
-    Palette,
-    join_parts_of_gradients,
-    opacity_of,
-    paints_of,
-)
+from gauss2svg.areas.paint import LEAST_OPACITY, Paint, opacity_of, paints_of
 from gauss2svg.areas.refine import Drawing, Layer
+from gauss2svg.areas.regions import Regions
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
 RATE = 0.0012  # squared error that a byte of an area must save
@@ -145,54 +139,55 @@ def channels_of(picture: NDArray[np.float32]) -> Floats:
     pixels = np.asarray(picture, np.float32)
     if pixels.shape[2] == 3 or pixels[..., 3].min() >= 1 - LEAST_OPACITY:
         return np.ascontiguousarray(pixels[..., :3])
-    alpha = pixels[..., 3:]
-    over_black = pixels[..., :3] * alpha
+    return both_views(pixels)
+
+
+def both_views(picture: Floats) -> Floats:
+    """Return the channels (h, w, 6) of a picture (h, w, 4) with straight alpha."""
+    over_black, alpha = picture[..., :3] * picture[..., 3:], picture[..., 3:]
     return np.concatenate([over_black, over_black + 1 - alpha], axis=-1)
 
 
 def first_drawing(
-    picture: Floats, unit: float, rate: float, shaded: bool = False, most_cores: int | None = None,
-    poll: Callable[[], None] = lambda: None, glance: Glance = lambda error, edges: None,
+    picture: Floats, unit: float, rate: float, shaded: bool, most_cores: int | None,
+    poll: Callable[[], None], glance: Glance,
 ) -> Drawing:  # fmt: skip
     """Return a drawing of a picture, whose outlines have not been refined yet.
 
     poll  function that is called often. An exception ends the search
     """
     poll()
-    cores, count = regions.cores_of(picture)
+    cores = regions.cores_of(picture)
     pixels = clean.with_even_photos(picture, cores)
     if shaded:
         pixels = clean.without_shading(pixels)
     if pixels is not picture:
-        cores, count = regions.cores_of(pixels)
+        cores = regions.cores_of(pixels)
     poll()
-    cores, count = regions.without_edge_shades(pixels, cores, count)
+    cores = regions.without_edge_shades(pixels, cores)
+    count = cores.max() + 1
     poll()
     if most_cores is not None and count > most_cores:
         raise NoDrawingError
     if not count:  # no two pixels are alike
         return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [], picture=picture)
-    paints = paints_of(pixels, cores, count)
-    join_parts_of_gradients(pixels, cores, paints)
+    paints = paints_of(pixels, cores)
     poll()
-    labels = regions.grown(pixels, cores)
-    palette = Palette.of(paints)
-    shares = regions.shares_of(pixels, cores, labels, palette)
-    letter_ground = thin.add_letters(pixels, cores, labels, shares, paints)
-    palette = Palette.of(paints)
+    parts = Regions.of(pixels, cores, paints)
+    letter_ground = thin.add_letters(parts)
     poll()
-    thin.add_thin_regions(pixels, cores, labels, shares, paints, palette)
-    glance(*error_and_edges_of(picture, shares, paints))
+    thin.add_thin_regions(parts)
+    glance(*error_and_edges_of(picture, parts))
     weight_at = outlines.contrast_of(pixels)
-    strokes = lines.take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground, poll)
-    strokes = lines.with_sure_widths(pixels, cores, strokes, paints)
-    labels = regions.join_touching(shares, paints)
+    strokes = lines.take_lines(parts, weight_at, unit, rate, letter_ground, poll)
+    strokes = lines.with_sure_widths(parts, strokes)
+    labels = regions.join_touching(parts)
     opacity = np.array([opacity_of(paint.color) for paint in paints])
     ground = ground_of(labels, paints, opacity)
     is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)
     is_opaque = opacity > 1 - 2 * LEAST_OPACITY
     layers, curve_rate = [], min(rate, RATE)  # coarse first curves would be refined less well
-    for region, share, box in regions.masks_of(labels, shares, len(paints), is_ground, ~is_opaque):
+    for region, share, box in regions.masks_of(labels, parts, is_ground, ~is_opaque):
         poll()
         contours = outlines.contours_of(share, box, pixels.shape)
         if paths := [outlines.first_path(c, weight_at, unit, curve_rate) for c in contours]:
@@ -202,18 +197,16 @@ def first_drawing(
     return Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
 
 
-def error_and_edges_of(
-    picture: Floats, shares: regions.Shares, paints: list[Paint]
-) -> tuple[float, int]:
+def error_and_edges_of(picture: Floats, parts: Regions) -> tuple[float, int]:
     """Return the squared error of the paints of regions, and the number of px between regions."""
-    label, largest = shares.label[..., 0], shares.largest
-    off = np.array([paint.color for paint in paints], np.float32)[label]
-    for k, paint in enumerate(paints):
+    label, largest = parts.label[..., 0], parts.largest
+    off = np.array([paint.color for paint in parts.paints], np.float32)[label]
+    for k, paint in enumerate(parts.paints):
         if paint.is_shaded:
             ys, xs = np.nonzero(label == k)
             off[ys, xs] = paint.at(xs, ys)
     off -= picture
-    squared = np.where(shares.share[..., 0] == 1, (off**2).sum(axis=2), shares.error)
+    squared = np.where(parts.share[..., 0] == 1, (off**2).sum(axis=2), parts.error)
     edges = np.count_nonzero(np.diff(largest)) + np.count_nonzero(np.diff(largest, axis=0))
     return float(squared.sum(dtype=np.float64)), int(edges)
 

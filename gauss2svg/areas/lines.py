@@ -21,10 +21,10 @@ from gauss2svg.areas import arrays, outlines
 from gauss2svg.areas.arrays import LEVEL, Bools, Box, Floats, Ints, dilated, parts_of
 from gauss2svg.areas.centrelines import STEP, Chain, chains_of
 from gauss2svg.areas.merge import rounded
-from gauss2svg.areas.outlines import Path, Weights, lengths_of
+from gauss2svg.areas.outlines import Path, Weights
 from gauss2svg.areas.paint import LEAST_OPACITY, Paint, opacity_of
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.areas.regions import Shares
+from gauss2svg.areas.regions import Regions
 from gauss2svg.areas.thin import MOST_PARTS, PURE, SAME_COLOR, inside_of
 
 WIDE = 3.2  # px; a disc of this radius fits into a wide part only where lines cross
@@ -41,11 +41,6 @@ class Line(NamedTuple):
     region: int
     path: Path
     width: float
-
-    @property
-    def length(self) -> float:
-        """The length in px of the polygon of its control points."""
-        return float(lengths_of(self.path.segments).sum())
 
 
 class Part(NamedTuple):
@@ -71,17 +66,17 @@ class Part(NamedTuple):
 
 
 def take_lines(
-    pixels: Floats, shares: Shares, paints: list[Paint], weight_at: Weights, unit: float,
-    rate: float, letter_ground: Ints, poll: Callable[[], None],
+    regions: Regions, weight_at: Weights, unit: float, rate: float, letter_ground: Ints,
+    poll: Callable[[], None],
 ) -> list[Line]:  # fmt: skip
     """Return the lines of a picture, and give their shares to what lies beside or under them.
 
     letter_ground  (h, w) region below and beside letters, -1 elsewhere. It is no line there
     poll  function that is called for each part. An exception ends the search
     """
-    parts = _thin_parts(shares, paints, letter_ground)
+    parts = _thin_parts(regions, letter_ground)
     lines, gone = list[Line](), list[Part]()
-    largest, is_gone = shares.largest, np.zeros(pixels.shape[:2], bool)
+    largest, is_gone = regions.largest, np.zeros(regions.labels.shape, bool)
     taken = np.full(is_gone.shape, -1)
     # If a wide part has lines, the narrow parts in it are these lines.
     parts.sort(key=lambda part: (not part.is_wide, -part.share.sum()))
@@ -90,7 +85,7 @@ def take_lines(
         if not part.is_wide and (taken[part.box][own] == name).any():
             continue
         poll()
-        strokes = _chosen(pixels, part, paints[name], weight_at, unit, rate)
+        strokes = _chosen(regions.pixels, part, regions.paints[name], weight_at, unit, rate)
         if strokes:
             lines += [Line(name, *stroke) for stroke in strokes]
             gone.append(part)
@@ -105,22 +100,22 @@ def take_lines(
             _, nearest = arrays.distance_to(~is_left_out)
             near = near[tuple(nearest)]
         ys, xs = arrays.pixels_of(part.share > 0, part.box)
-        _release(shares, (ys, xs), part.names, near[ys - box[0].start, xs - box[1].start])
+        _release(regions, (ys, xs), part.names, near[ys - box[0].start, xs - box[1].start])
     return lines
 
 
-def _thin_parts(shares: Shares, paints: list[Paint], letter_ground: Ints) -> list[Part]:
+def _thin_parts(regions: Regions, letter_ground: Ints) -> list[Part]:
     """Return the thin parts of regions that have one colour, narrow ones and wide ones.
 
     The ground between letters is no part, and neither is the transparent page, which no line draws.
     """
     classes: dict[Paint, list[int]] = {}
-    for k, paint in enumerate(paints):
+    for k, paint in enumerate(regions.paints):
         if not (paint.is_shaded or opacity_of(paint.color) < LEAST_OPACITY):
             classes.setdefault(paint, []).append(k)
     parts = []
     for names in classes.values():
-        share = shares.of(np.array(names))
+        share = regions.share_of(np.array(names))
         is_ground = np.isin(letter_ground, names)
         thick = _thick(share, 2.4)
         if thick.any():
@@ -187,7 +182,7 @@ def _chosen(
     contrast = float(((paint.color - ground) ** 2).sum())
     widths = dict.fromkeys(width for _, width in strokes)
     as_lines = [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
-    length = float(sum(lengths_of(path.segments).sum() for path, _ in strokes))
+    length = sum(path.length for path, _ in strokes)
     if _error(as_lines, part) > 0.5 * length:
         return []
     contours = outlines.contours_of(part.share, part.box, pixels.shape)
@@ -287,9 +282,9 @@ def _error(layers: list[Layer], part: Part) -> float:
     return float(((drawing.draw() - drawing.pixels) ** 2).sum())
 
 
-def _release(shares: Shares, at: tuple[Ints, Ints], names: list[int], under: Ints) -> None:
+def _release(regions: Regions, at: tuple[Ints, Ints], names: list[int], under: Ints) -> None:
     """Give the shares of regions at pixels (n,) to the others there, or to those `under` them."""
-    label, share = shares.label[at], shares.share[at]
+    label, share = regions.label[at], regions.share[at]
     own = np.isin(label, names)
     share[own], label[own] = 0, -1
     total = share.sum(axis=1)
@@ -297,7 +292,7 @@ def _release(shares: Shares, at: tuple[Ints, Ints], names: list[int], under: Int
     share /= np.maximum(total, 1e-6)[:, None]
     label[none], share[none] = -1, 0
     label[none, 0], share[none, 0] = under[none], 1
-    shares.label[at], shares.share[at] = label, share
+    regions.label[at], regions.share[at] = label, share
 
 
 def grouped(lines: list[Line], paints: list[Paint]) -> list[Layer]:
@@ -307,8 +302,8 @@ def grouped(lines: list[Line], paints: list[Paint]) -> list[Layer]:
     """
     layers = list[Layer]()
     known: dict[Paint, list[tuple[float, Layer]]] = {}  # layers with the length of their lines
-    for line in sorted(lines, key=lambda line: -line.length):
-        length = line.length
+    for line in sorted(lines, key=lambda line: -line.path.length):
+        length = line.path.length
         alike = known.setdefault(paints[line.region], [])
         for k, (total, layer) in enumerate(alike):
             most = 0.05 + 0.02 * layer.width + 1.5 / max(length, 1.0)
@@ -345,21 +340,20 @@ class Piece(NamedTuple):
         return self.ground + self.total
 
 
-def with_sure_widths(
-    pixels: Floats, cores: Ints, lines: list[Line], paints: list[Paint]
-) -> list[Line]:
+def with_sure_widths(regions: Regions, lines: list[Line]) -> list[Line]:
     """Return lines, of which those in two rows of pixels have their likely colours and widths.
 
-    New colours are added to `paints`.
+    New colours are added to the paints of the regions.
     """
+    paints = regions.paints
     pieces, sure = list[Piece](), list[Line]()
     for k, line in enumerate(lines):
-        own, length = _pieces_of(pixels, k, line.path), line.length
+        own, length = _pieces_of(regions.pixels, k, line.path), line.path.length
         if sum(piece.length for piece in own) >= 0.8 * length:
             pieces += own
         elif line.width > 1.4 and length >= 16:
             sure.append(line)  # it has pixels of its colour
-    inside = inside_of(cores, PURE)
+    inside = inside_of(regions.cores, PURE)
     pure = [paints[k].color for k in np.unique(inside[inside >= 0])]
     pure += [paints[line.region].color for line in sure]
     pens = list[list[Piece]]()  # pieces that have one colour if they are 1 px wide

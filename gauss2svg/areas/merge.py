@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from gauss2svg import portable
+from gauss2svg.areas import outlines
 from gauss2svg.areas.arrays import Floats
-from gauss2svg.areas.outlines import (
-    Path,
-    Weights,
-    fitted_curve,
-    lengths_of,
-    merged_path,
-    sampled,
-    weights_by,
-)
+from gauss2svg.areas.outlines import Path, Weights
 from gauss2svg.areas.refine import Drawing, Layer
 
 # Sizes of tags and attributes in bytes: of a layer, and of ends and joins that are round
@@ -42,11 +36,11 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     layers = []
     for index, layer in enumerate(drawing.current()):
         contrast = (drawing.part(drawing.weight, index) ** 2).sum(axis=-1)
-        contrast = drawing.focused(contrast, index)
+        contrast = drawing.focused(contrast, drawing.slices(index))
         if layer.is_line:
             contrast *= 2  # it has two sides
         left, top = drawing.box[index, :2]
-        weight_at = weights_by(contrast, left, top, drawing.shape)
+        weight_at = outlines.weights_by(contrast, left, top, drawing.shape)
         paths = [_merged_path(path, weight_at, unit, rate, noise) for path in layer.paths]
         # Two lines to a point and back draw nothing.
         paths = [p for p in paths if not p.closed or len(p.curved) > 2 or p.curved.any()]
@@ -57,15 +51,15 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
 
 def _merged_path(path: Path, weight_at: Weights, unit: float, rate: float, noise: float) -> Path:
     """Return a path with fewer nodes. `noise` is the mean squared distance by which it is off."""
-    length = lengths_of(path.segments)
+    length = outlines.lengths_of(path.segments)
     count = np.maximum((length * 2.5).astype(np.int64), 5)  # points along each segment
     start = np.append(0, np.cumsum(count))
-    points = sampled(path.segments, path.curved, count)
+    points = outlines.sampled(path.segments, path.curved, count)
     step = np.repeat(length / count, count)
     if not path.closed:
         points, step = np.vstack([points, path.segments[-1, 3]]), np.append(step, step[-1])
     weight = weight_at(points) * step
-    return merged_path(points, weight, start, path, path.closed, unit, rate, noise)
+    return outlines.merged_path(points, weight, start, path, path.closed, unit, rate, noise)
 
 
 def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
@@ -80,9 +74,10 @@ def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     drawing.weigh()
     layers, gains = list[Layer](), list[float]()
     for index, layer in enumerate(drawing.current()):
-        own, weight = error[drawing.slices(index)], drawing.part(drawing.weight, index)
+        box, weight = drawing.slices(index), drawing.part(drawing.weight, index)
+        own = error[box]
         without = own - weight * drawing.part(cover, index)[..., None]
-        saved = drawing.focused((without**2 - own**2).sum(axis=-1), index)
+        saved = drawing.focused((without**2 - own**2).sum(axis=-1), box)
         size = BYTES_OF_AREA
         if layer.is_line:
             size, corner = BYTES_OF_LINE, drawing.box[index, :2]
@@ -110,9 +105,7 @@ def with_caps(drawing: Drawing, rate: float) -> list[Layer]:
     """Return the layers of a drawing, with round ends for the lines to which these are closer."""
     layers = drawing.current()
     others = [rounded(layer) for layer in layers]
-    before = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
-    after = ((drawing.with_layers(others).draw() - drawing.pixels) ** 2).sum(axis=-1)
-    saved = drawing.focused(before - after)
+    saved = drawing.focused(_errors(drawing) - _errors(drawing.with_layers(others)))
 
     def gain_of(path: Path, width: float) -> float:
         """Return by how much the squared error falls near the ends of a line."""
@@ -179,24 +172,25 @@ def without_kinks(drawing: Drawing) -> list[Layer]:
     kinks = [[kinks_of(path) for path in layer.paths] for layer in layers]
     if not any(map(any, kinks)):
         return layers
-    before = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
-    trial = drawing.with_layers(_all_without(layers, kinks))
+
+    def without(is_needless: Callable[[Kink], bool]) -> list[Layer]:
+        return [
+            layer.replace(
+                [_without(*one, is_needless) for one in zip(layer.paths, own, strict=True)]
+            )
+            for layer, own in zip(layers, kinks, strict=True)
+        ]
+
+    before = _errors(drawing)
+    trial = drawing.with_layers(without(lambda kink: True))
     trial.refine(8, colors=False)
-    after = ((trial.draw() - drawing.pixels) ** 2).sum(axis=-1)
-    rise = drawing.focused(after - before)
-    needless = [
-        [[kink for kink in one if _sum_at(rise, kink.place) <= 0.03] for one in of_layer]
-        for of_layer in kinks
-    ]
-    return _all_without(layers, needless)
+    rise = drawing.focused(_errors(trial) - before)
+    return without(lambda kink: float(rise[_around(kink.place[None], 3)].sum()) <= 0.03)
 
 
-def _all_without(layers: list[Layer], kinks: list[list[list[Kink]]]) -> list[Layer]:
-    """Return layers without some kinks of their paths."""
-    return [
-        layer.replace([_without(*pair) for pair in zip(layer.paths, of_layer, strict=True)])
-        for layer, of_layer in zip(layers, kinks, strict=True)
-    ]
+def _errors(drawing: Drawing) -> Floats:
+    """Return the squared errors (h, w) of a drawing as it is now."""
+    return ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
 
 
 def kinks_of(path: Path) -> list[Kink]:
@@ -206,7 +200,7 @@ def kinks_of(path: Path) -> list[Kink]:
     segments, curved, count = path.segments, path.curved, len(path.curved)
     starts = np.where(curved[:, None], segments[:, 1], segments[:, 3]) - segments[:, 0]
     ends = segments[:, 3] - np.where(curved[:, None], segments[:, 2], segments[:, 0])
-    turn = _turns(np.roll(ends, 1, axis=0), starts)
+    turn = outlines.angles_of(np.roll(ends, 1, axis=0), starts)
     length = portable.hypot(*(segments[:, 3] - segments[:, 0]).T)
     is_short = np.minimum(length, np.roll(length, 1)) <= 3
     kinks = list[Kink]()
@@ -216,10 +210,10 @@ def kinks_of(path: Path) -> list[Kink]:
         if len(kinks) == count - 2:  # a path needs two segments
             break
         pair = [k - 1, k]
-        points = sampled(segments[pair], curved[pair], np.full(2, 24))
+        points = outlines.sampled(segments[pair], curved[pair], np.full(2, 24))
         points = np.vstack([points, segments[k, 3]])
-        curve = fitted_curve(points)
-        new = sampled(curve[None], np.ones(1, bool), np.full(1, 24))
+        curve = outlines.fitted_curve(points)
+        new = outlines.sampled(curve[None], np.ones(1, bool), np.full(1, 24))
         new = np.vstack([new, curve[3]])
         around = ends[k - 2], starts[(k + 1) % count]
         if _bend(points, *around) - _bend(new, *around) > BEND_RAD:
@@ -230,17 +224,12 @@ def kinks_of(path: Path) -> list[Kink]:
 def _bend(points: Floats, before: Floats, after: Floats) -> float:
     """Return the sum of the turns along points (n, 2) from one direction (2,) to another one."""
     steps = np.vstack([before, np.diff(points, axis=0), after])
-    return float(_turns(steps[:-1], steps[1:]).sum())
+    return float(outlines.angles_of(steps[:-1], steps[1:]).sum())
 
 
-def _turns(u: Floats, v: Floats) -> Floats:
-    """Return the angles (k,) between vectors (k, 2), in 0..pi."""
-    return np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
-
-
-def _without(path: Path, kinks: list[Kink]) -> Path:
-    """Return a path with one curve for the two segments beside each of the kinks."""
-    if not kinks:
+def _without(path: Path, kinks: list[Kink], is_needless: Callable[[Kink], bool]) -> Path:
+    """Return a path with one curve for the two segments beside each of the needless kinks."""
+    if not (kinks := list(filter(is_needless, kinks))):
         return path
     segments, curved = path.segments.copy(), path.curved.copy()
     at = np.array([kink.segment for kink in kinks])
@@ -249,12 +238,3 @@ def _without(path: Path, kinks: list[Kink]) -> Path:
     left = np.ones(len(curved), bool)
     left[at - 1] = False
     return path._replace(segments=segments[left], curved=curved[left])
-
-
-def _sum_at(values: Floats, place: Floats) -> float:
-    """Return the sum of values (h, w) within 3 px of a place along x and y."""
-    x, y = place
-    h, w = values.shape
-    ys = slice(max(int(y - 3), 0), min(int(y + 3) + 1, h))
-    xs = slice(max(int(x - 3), 0), min(int(x + 3) + 1, w))
-    return float(values[ys, xs].sum())

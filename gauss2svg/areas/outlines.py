@@ -49,6 +49,11 @@ class Path(NamedTuple):
     curved: Bools
     closed: bool = True
 
+    @property
+    def length(self) -> float:
+        """The length in px of the polygons of control points."""
+        return float(lengths_of(self.segments).sum())
+
     def moved(self, by: Floats) -> Path:
         """Return the path moved by a vector (2,)."""
         return self._replace(segments=self.segments + by)
@@ -69,6 +74,18 @@ def bytes_of(segments: Floats, curved: Bools, unit: float) -> Floats:
 def lengths_of(segments: Floats) -> Floats:
     """Return the lengths (k,) in px of the polygons of control points (k, 4, 2)."""
     return portable.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1)
+
+
+def angles_of(u: Floats, v: Floats) -> Floats:
+    """Return the angles (k,) between vectors (k, 2), in 0..pi."""
+    return np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
+
+
+def meeting_of(p: Floats, u: Floats, q: Floats, v: Floats) -> Floats | None:
+    """Return where lines through p along u and q along v meet. None: they are nearly parallel."""
+    det = u[1] * v[0] - u[0] * v[1]
+    x, y = q - p
+    return p + (y * v[0] - x * v[1]) / det * u if abs(det) > 0.15 else None
 
 
 def weights_by(contrast: Floats, left: int, top: int, shape: tuple[int, ...]) -> Weights:
@@ -202,8 +219,7 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
     if n < 4 * ARM:
         return np.arange(0)
     before, after = points - np.roll(points, ARM, axis=0), np.roll(points, -ARM, axis=0) - points
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    turn = np.abs(portable.arctan2(cross, (before * after).sum(axis=1)))
+    turn = angles_of(before, after)
     if not closed:
         turn[:ARM] = turn[-ARM:] = 0
     around = np.stack([np.roll(turn, k) for k in range(-ARM, ARM + 1)])
@@ -214,9 +230,8 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
 def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
     """Return the first curves through a closed contour (n, 2)."""
     points = resampled(points, 0.5)
-    if (
-        len(points) <= 8
-    ):  # no pixel of a dot may have its colour, so pixels do not tell its contrast
+    # No pixel of a dot may have its colour, so pixels do not tell its contrast.
+    if len(points) <= 8:
         weight_at = lambda points: np.ones(len(points))  # noqa: E731
     points, corners = with_corners(points, turns_of(points, np.radians(35)))
     return fitted_path(points, corners, weight_at, unit, rate, True)
@@ -250,11 +265,9 @@ def with_corners(
                 portable.main_axis(side - middle)
                 for side, middle in zip(sides, (p, q), strict=True)
             )
-            det = u[1] * v[0] - u[0] * v[1]
-            if abs(det) > 0.15:  # the lines are not nearly parallel
-                meeting = p + ((q - p)[1] * v[0] - (q - p)[0] * v[1]) / det * u
-                if portable.hypot(*(meeting - points[corner])) < 2:
-                    moved[corner] = meeting
+            meeting = meeting_of(p, u, q, v)
+            if meeting is not None and portable.hypot(*(meeting - points[corner])) < 2:
+                moved[corner] = meeting
         away = np.arange(1, cut)
         keep[(corner - away) % n] = keep[(corner + away) % n] = False
     keep[corners] = True
@@ -343,10 +356,8 @@ def _move_joins(pieces: list[_Piece], fitted: Callable[[int, int], _Piece]) -> N
     """
     for shift, k in itertools.product((8, 4, 2, 1), range(len(pieces))):
         j = (k + 1) % len(pieces)
-        u = pieces[k].segment[3] - pieces[k].segment[2]
-        v = pieces[j].segment[1] - pieces[j].segment[0]
-        turn = portable.arctan2(u[0] * v[1] - u[1] * v[0], portable.dot(u, v))
-        for by in (-shift, shift) if abs(turn) < 0.2 else ():
+        u, v = np.diff(pieces[k].segment[2:], axis=0), np.diff(pieces[j].segment[:2], axis=0)
+        for by in (-shift, shift) if angles_of(u, v) < 0.2 else ():
             while True:
                 (first, last), (begin, end) = pieces[k].run, pieces[j].run
                 if min(last - first + by, end - begin - by) <= 1:
@@ -398,22 +409,21 @@ def merged_path(
     """
     run, segment, result = np.zeros(2, np.int64), np.empty((4, 2)), np.empty(3)
     places = np.empty(2 * len(points) + 2)
-    fit_curve, fit_any = (
+    fits = [
         _fit_run.prepared(
             len(points), points, weight, noise, places, run, only_curves, unit, rate, segment,
             result,
         )
-        for only_curves in (True, False)
-    )  # fmt: skip
+        for only_curves in (False, True)
+    ]  # fmt: skip
 
-    def best_of(fit: Callable[[], int], first: int, last: int) -> _Piece:
+    def curve(first: int, last: int, only_curves: bool = True) -> _Piece:
         run[:] = first, last
-        fit()
+        fits[only_curves]()
         is_curve, error, size = result.tolist()
         return _Piece((first, last), segment.copy(), bool(is_curve), error, size)
 
-    curve = functools.partial(best_of, fit_curve)
-    line_or_curve = functools.partial(best_of, fit_any)
+    line_or_curve = functools.partial(curve, only_curves=False)
     runs = itertools.pairwise(start.tolist())
     if path is None:
         pieces = [curve(*ends) for ends in runs]

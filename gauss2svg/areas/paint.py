@@ -224,13 +224,13 @@ def _stops(place: Floats, colors: Floats) -> tuple[Floats, Floats, float]:
     return knots, np.clip(stops, 0, 1), error
 
 
-def paints_of(pixels: Floats, labels: Ints, count: int) -> list[Paint]:
-    """Return the paint of each region. Regions of nearly the same colour share a paint."""
-    sizes = np.bincount(labels[labels >= 0], minlength=count)
-    boxes = find_objects(labels + 1, max_label=count)
-    paints = [
-        paint_of(pixels, *pixels_of(labels[box] == k, box)) for k, box in enumerate(boxes) if box
-    ]
+def paints_of(pixels: Floats, labels: Ints) -> list[Paint]:
+    """Return the paint of each region. Regions of nearly the same colour share a paint.
+
+    Parts of gradients become one region, so `labels` are changed.
+    """
+    sizes, boxes = np.bincount(labels[labels >= 0]), find_objects(labels + 1)
+    paints = [paint_of(pixels, *pixels_of(labels[box] == k, box)) for k, box in enumerate(boxes)]
     shared: list[Paint] = []
     for k in np.argsort(-sizes, kind="stable"):
         paint = paints[k]
@@ -241,16 +241,17 @@ def paints_of(pixels: Floats, labels: Ints, count: int) -> list[Paint]:
         if paints[k] is paint:
             shared.append(paint)
         paints[k].prior += PRIOR_PER_PX * sizes[k]
+    _join_parts_of_gradients(pixels, labels, paints)
     return paints
 
 
-def join_parts_of_gradients(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
+def _join_parts_of_gradients(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
     """Join regions to a larger one whose gradient draws them. `labels` and `paints` are changed.
 
     Where a gradient bends or is steep, as around the middle of a radial one, its pixels are not one
     core. Such parts are less than 3 px apart, and at most a 20th of their pixels differ.
     """
-    boxes = find_objects(labels + 1, max_label=len(paints))
+    boxes = find_objects(labels + 1)
     for k, paint in enumerate(paints):
         if not paint.is_shaded or boxes[k] is None:
             continue

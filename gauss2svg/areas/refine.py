@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.arrays import Bools, Floats, Ints
-from gauss2svg.areas.outlines import Path, lengths_of
+from gauss2svg.areas.arrays import Bools, Box, Floats, Ints
+from gauss2svg.areas.outlines import Path, angles_of, lengths_of
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
@@ -227,13 +227,11 @@ class Drawing:
         start = self.offset[layer]
         return values[start : start + w * h].reshape(h, w, *values.shape[1:])
 
-    def focused(self, errors: Floats, layer: int | None = None) -> Floats:
-        """Return squared errors (h, w), of the picture or of a layer's box, with their weights."""
-        if self.focus is None:
-            return errors
-        return errors * (self.focus if layer is None else self.focus[self.slices(layer)])
+    def focused(self, errors: Floats, box: Box = np.s_[:, :]) -> Floats:
+        """Return squared errors (h, w), of the picture or of a box, with their weights."""
+        return errors if self.focus is None else errors * self.focus[box]
 
-    def slices(self, layer: int) -> tuple[slice, slice]:
+    def slices(self, layer: int) -> Box:
         """Return the rows and the columns of a layer's box."""
         x, y, w, h = self.box[layer]
         return slice(y, y + h), slice(x, x + w)
@@ -468,8 +466,7 @@ def tied(
     other = np.where(curved, segment[:, 1], segment[:, 3])
     u, v = point[node] - point[one], point[other] - point[node]
     long_u, long_v = portable.hypot(*u.T), portable.hypot(*v.T)
-    turn = np.abs(portable.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
-    is_smooth = (turn <= np.radians(12)) & (np.minimum(long_u, long_v) >= 0.3)
+    is_smooth = (angles_of(u, v) <= np.radians(12)) & (np.minimum(long_u, long_v) >= 0.3)
     at = np.flatnonzero(is_smooth & (before >= 0) & (was_curved | curved))
     node, one, other, u, v, long_u, long_v = (
         values[at] for values in (node, one, other, u, v, long_u, long_v)

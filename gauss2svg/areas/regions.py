@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy import ndimage
@@ -28,29 +28,26 @@ REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/a
 _grow_labels = Kernel("grow_labels", "int int int float32 int32 int32 float64")
 
 
-def cores_of(pixels: Floats) -> tuple[Ints, int]:
-    """Return the labels (h, w) of evenly coloured or shaded pixels, and their number.
+def cores_of(pixels: Floats) -> Ints:
+    """Return the labels (h, w) of evenly coloured or shaded pixels.
 
     A pixel belongs to a core if it is part of a block of 2 x 2 pixels whose values are equal within
     FLAT, or which are shaded evenly. Neighbours of nearly the same values have the same label. All
     other pixels have the label -1. Larger cores have smaller labels.
     """
-    spread = (over_blocks(pixels, np.maximum) - over_blocks(pixels, np.minimum)).max(axis=-1)
-    bend = over_blocks(bend_of(pixels), np.maximum)
+    spread = spread_of(pixels, 2).max(axis=-1)
+    bend = ndimage.maximum_filter(bend_of(pixels), 2)
     is_even = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
     return cores_of_blocks(pixels, is_even, max(FLAT, STEEP))
 
 
-def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, int]:
-    """Return the labels (h, w) of cores of at least 4 pixels, and their number.
+def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> Ints:
+    """Return the labels (h, w) of cores of at least 4 pixels.
 
     block  (h, w) whether the pixels of the block of 2 x 2 that ends at a pixel are alike
     most   largest difference of neighbours of one core
     """
-    core = block.copy()
-    core[:-1] |= block[1:]
-    core[:, :-1] |= block[:, 1:]
-    core[:-1, :-1] |= block[1:, 1:]
+    core: Any = ndimage.binary_dilation(block, np.ones((2, 2)))
     # Every other row and column are pixels. Those between tell which neighbours are joined.
     h, w = core.shape
     joined = np.zeros((2 * h - 1, 2 * w - 1), bool)
@@ -66,7 +63,7 @@ def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, in
     del labels, joined  # four times as large
     names, counts = np.unique(component[core], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= 4)]
-    return renamed(component, kept), len(kept)
+    return renamed(component, kept)
 
 
 def bend_of(pixels: Floats) -> Floats:
@@ -78,13 +75,13 @@ def bend_of(pixels: Floats) -> Floats:
     return bend
 
 
-def over_blocks(values: Floats, combine: np.ufunc) -> Floats:
-    """Return the maximum or minimum over the block of 2 x 2 pixels that ends at each pixel."""
-    result = values.copy()
-    combine(result[1:], values[:-1], out=result[1:])
-    across = result.copy()
-    combine(result[:, 1:], across[:, :-1], out=result[:, 1:])
-    return result
+def spread_of(values: Floats, side: int) -> Floats:
+    """Return the largest differences (h, w, c) in the squares of `side` px around pixels.
+
+    A square of 2 px ends at its pixel.
+    """
+    high: Any = ndimage.maximum_filter(values, (side, side, 1))
+    return high - ndimage.minimum_filter(values, (side, side, 1))
 
 
 def renamed(labels: Ints, names: Ints) -> Ints:
@@ -94,18 +91,16 @@ def renamed(labels: Ints, names: Ints) -> Ints:
     return table[labels]
 
 
-def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints, int]:
+def without_edge_shades(pixels: Floats, labels: Ints) -> Ints:
     """Return the cores without those that are shades of an edge or of a thin line.
 
     Such a core is at most two pixels wide, and its colour lies between that of the one region
     beside it and that of a pixel or of another region nearby.
     """
-    labels = labels.copy()
+    labels, names = labels.copy(), np.arange(labels.max() + 1)
     channels = np.moveaxis(pixels, 2, 0)
-    color = np.stack([ndimage.mean(one, labels, np.arange(count)) for one in channels], axis=1)
-    for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
-        if box is None:
-            continue
+    color = np.stack([ndimage.mean(one, labels, names) for one in channels], axis=1)
+    for k, box in enumerate(ndimage.find_objects(labels + 1)):
         near = arrays.widened(box, 3, labels.shape)
         inside = labels[near] == k
         if ndimage.binary_erosion(inside, BLOCK, border_value=1).any():
@@ -126,33 +121,48 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
             if np.count_nonzero((share < most) & (share > 0.05) & (off < 1e-3)) >= least:
                 labels[labels == k] = -1
                 break
-    names = np.unique(labels[labels >= 0])
-    return renamed(labels, names), len(names)
-
-
-def grown(pixels: Floats, labels: Ints) -> Ints:
-    """Return the labels with pixels between the cores joined to those beside them."""
-    labels = labels.astype(np.int32)
-    origin = np.arange(labels.size, dtype=np.int32).reshape(labels.shape)
-    heap = np.empty((4 * np.count_nonzero(labels < 0), 2))
-    _grow_labels(*pixels.shape, pixels, labels, origin, heap)
-    return labels
+    return renamed(labels, np.unique(labels[labels >= 0]))
 
 
 @dataclass
-class Shares:
-    """The regions of each pixel, at most three, with their shares of it.
+class Regions:
+    """The regions of a picture: their paints, and at most three in each pixel.
 
-    label  (h, w, 3) names of regions, -1 for none
-    share  (h, w, 3) which add up to 1
-    error  (h, w) squared distance of the pixel from this mixture
+    pixels  (h, w, c) picture
+    cores   (h, w) name of the region to whose core a pixel belongs, -1 for none
+    labels  (h, w) name of the region of a pixel if it is not mixed
+    paints  of the regions
+    label   (h, w, 3) names of the regions of a pixel, -1 for none
+    share   (h, w, 3) their shares of it, which add up to 1
+    error   (h, w) squared distance of the pixel from this mixture
     """
 
+    pixels: Floats
+    cores: Ints
+    labels: Ints
+    paints: list[Paint]
     label: Ints
     share: Floats
     error: Floats
 
-    def of(self, names: Ints | int, box: Box = np.s_[:, :]) -> Floats:
+    @classmethod
+    def of(cls, pixels: Floats, cores: Ints, paints: list[Paint]) -> Self:
+        """Return the regions that grow from cores, nearest colours first.
+
+        A pixel of a core belongs to its region alone.
+        """
+        labels = cores.astype(np.int32)
+        origin = np.arange(labels.size, dtype=np.int32).reshape(labels.shape)
+        heap = np.empty((4 * np.count_nonzero(labels < 0), 2))
+        _grow_labels(*pixels.shape, pixels, labels, origin, heap)
+        label = np.full((*labels.shape, 3), -1, np.int32)
+        share, error = np.zeros(label.shape, np.float32), np.zeros(labels.shape, np.float32)
+        label[..., 0], share[..., 0] = labels, 1.0
+        at: Any = np.nonzero(cores < 0)
+        label[at], share[at], error[at] = Palette.of(paints).explain(pixels, labels, at)
+        return cls(pixels, cores, labels, paints, label, share, error)
+
+    def share_of(self, names: Ints | int, box: Box = np.s_[:, :]) -> Floats:
         """Return the share of these regions together in each pixel of a box."""
         label = self.label[box]
         is_one = label == names if np.ndim(names) == 0 else np.isin(label, names)
@@ -165,62 +175,57 @@ class Shares:
         return np.take_along_axis(self.label, at, axis=-1)[..., 0]
 
 
-def shares_of(pixels: Floats, cores: Ints, labels: Ints, palette: Palette) -> Shares:
-    """Return the shares of regions. A pixel of a core belongs to its region alone."""
-    h, w, _ = pixels.shape
-    label = np.full((h, w, 3), -1, np.int32)
-    share, error = np.zeros((h, w, 3), np.float32), np.zeros((h, w), np.float32)
-    label[..., 0], share[..., 0] = labels, 1.0
-    ys, xs = np.nonzero(cores < 0)
-    at = ys, xs
-    label[at], share[at], error[at] = palette.explain(pixels, labels, at)
-    return Shares(label, share, error)
+def paint_numbers(paints: list[Paint]) -> Ints:
+    """Return a number for each paint (k,), which is the same for the same object."""
+    known: dict[Paint, int] = {}
+    return np.array([known.setdefault(paint, len(known)) for paint in paints])
 
 
-def join_touching(shares: Shares, paints: list[Paint]) -> Ints:
+def join_touching(regions: Regions) -> Ints:
     """Join regions of one paint that touch, and return the largest region (h, w) of each pixel.
 
-    The cores along a thin part are often apart, although the part is one area. Names in `shares`
-    are changed.
+    The cores along a thin part are often apart, although the part is one area. Names in
+    `regions.label` are changed.
     """
-    labels = shares.largest
-    known: dict[int, int] = {}
-    paint = np.array([known.setdefault(id(one), len(known)) for one in paints])
-    root = np.arange(len(paints), dtype=np.int32)
+    labels = regions.largest
+    paint = paint_numbers(regions.paints)
+    root = np.arange(len(paint), dtype=np.int32)
     for first, second in ((labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])):
         touching = (first != second) & (paint[first] == paint[second])
         for a, b in np.unique(np.stack([first[touching], second[touching]]), axis=1).T:
             root[root == root[b]] = root[a]
-    shares.label = np.append(root, np.int32(-1))[shares.label]
+    regions.label = np.append(root, np.int32(-1))[regions.label]
     labels = root[labels]
-    _keep_dots(labels, shares)
+    _keep_dots(labels, regions)
     return labels
 
 
-def _keep_dots(labels: Ints, shares: Shares) -> None:
+def _keep_dots(labels: Ints, regions: Regions) -> None:
     """Give regions that have most of no pixel the pixel of which they have most.
 
     Points and dots of small text have a pixel or two in all.
     """
-    seen = np.where(shares.share > outlines.SEEN, shares.share, 0)
-    total = np.bincount(shares.label.ravel() + 1, seen.ravel())[1:]
+    label, share = regions.label, regions.share
+    seen = np.where(share > outlines.SEEN, share, 0)
+    total = np.bincount(label.ravel() + 1, seen.ravel())[1:]
     total[np.unique(labels)] = 0
     small = np.flatnonzero((total >= outlines.LEAST_DOT) & (total < outlines.MOST_DOT))
-    ys, xs, slot = np.nonzero(np.isin(shares.label, small))
-    for k in np.argsort(shares.share[ys, xs, slot], kind="stable"):
-        labels[ys[k], xs[k]] = shares.label[ys[k], xs[k], slot[k]]
+    ys, xs, slot = np.nonzero(np.isin(label, small))
+    for k in np.argsort(share[ys, xs, slot], kind="stable"):
+        labels[ys[k], xs[k]] = label[ys[k], xs[k], slot[k]]
 
 
 def masks_of(
-    labels: Ints, shares: Shares, count: int, is_ground: Bools, is_clear: Bools
+    labels: Ints, regions: Regions, is_ground: Bools, is_clear: Bools
 ) -> Iterator[tuple[int, Floats, Box]]:
     """Yield the regions that are not the ground, the lowest one first.
 
     Each comes with the share (h, w) that it covers of the pixels of a box, and with this box.
 
-    is_ground  (count,) whether a region is part of the ground
-    is_clear   (count,) whether a region lets shine through what is below it
+    is_ground  (k,) whether a region is part of the ground
+    is_clear   (k,) whether a region lets shine through what is below it
     """
+    count = len(regions.paints)
     boxes: dict[int, Box] = {}
     filled: dict[int, Bools] = {}
     area = np.zeros(count)
@@ -236,13 +241,13 @@ def masks_of(
     for k in order:
         box, whole = boxes[k], filled[k]
         near = labels[box]
-        body, share = near == k, shares.of(k, box)
+        body, share = near == k, regions.share_of(k, box)
         above = [j for j in np.unique(near) if rank[j] > rank[k] and not is_open[j]]
         held = [j for j in above if whole[near == j].all()]
         beside = np.unique(near[arrays.dilated(body, 1, None)])
         others = [j for j in above if j in beside and j not in held]
         if held or others:
-            over, under = shares.of(np.array(held + others), box), np.isin(near, held)
+            over, under = regions.share_of(np.array(held + others), box), np.isin(near, held)
             under |= arrays.dilated(body, REACH, None) & np.isin(near, others)
             partly = (share > 0) & ~under
             opening = is_open[near]
@@ -251,7 +256,7 @@ def masks_of(
             # What shows the ground through what is above the region must not show the region.
             share = np.where(
                 under,
-                1.0 - shares.of(np.flatnonzero(is_open), box),
+                1.0 - regions.share_of(np.flatnonzero(is_open), box),
                 share + np.where(partly, over, 0),
             )
         yield k, np.clip(share, 0, 1), box

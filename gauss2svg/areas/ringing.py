@@ -18,6 +18,7 @@ from gauss2svg import portable
 from gauss2svg.areas.arrays import LEVEL, Floats
 from gauss2svg.areas.clean import LUMA
 from gauss2svg.areas.find import channels_of
+from gauss2svg.areas.regions import spread_of
 from gauss2svg.photo.pixels import from_views
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene.areas import Area, Color
@@ -29,10 +30,9 @@ CLIPPED = 9 * LEVEL  # bands of alpha reach so far from 0 and 1, beyond which al
 
 def is_rung(picture: Floats) -> bool:
     """Return whether colours step back beside many edges of a picture, as those of bands do."""
-    if _has_rung_colors(picture):
-        return True
     # Where the page shows, alpha is clipped, so that only the next and fainter band is left.
-    return picture.shape[2] == 4 and _steps_back(picture[..., 3], 0.9 * LEVEL)
+    is_clear = picture.shape[2] == 4
+    return _has_rung_colors(picture) or (is_clear and _steps_back(picture[..., 3], 0.9 * LEVEL))
 
 
 def _has_rung_colors(picture: Floats) -> bool:
@@ -78,10 +78,10 @@ def without_bands(picture: Floats, most: float = 0.12) -> Floats:
         if not _has_rung_colors(picture):
             return picture
     values = _with_alpha(channels_of(picture))
-    high, low = (f(values, (7, 7, 1)) for f in (ndimage.maximum_filter, ndimage.minimum_filter))
+    spread = spread_of(values, 7)
     for smooth in (ndimage.grey_opening, ndimage.grey_closing):
         new = smooth(values, (3, 3, 1))
-        values = np.where(np.abs(new - values) <= most * (high - low), new, values)
+        values = np.where(np.abs(new - values) <= most * spread, new, values)
     return _picture(_channels(values))
 
 

@@ -13,18 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.areas import find
+from gauss2svg.areas.arrays import Floats
 from gauss2svg.areas.clean import without_shading
-from gauss2svg.areas.find import (
-    LEAST_OPACITY,
-    RATE,
-    UNIT,
-    FoundAreas,
-    Progress,
-    channels_of,
-    refined,
-    shown_areas,
-    transparent_paint,
-)
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer, squared
@@ -33,7 +24,6 @@ from gauss2svg.scene import ABOVE, PLAIN, Scene
 from gauss2svg.scene.areas import CAPS, Area, Outline
 from gauss2svg.scene.falloff import covered_radius
 
-Floats = NDArray[np.float64]
 # Function that returns the raster (h, w, 3), or (h, w, 4) with straight alpha, of areas
 Rasterize = Callable[[tuple[Area, ...]], NDArray[np.float32]]
 MOST_IN_BOXES = 100_000_000  # px of all areas' boxes, which take 16 bytes each, or 28 with alpha
@@ -43,11 +33,11 @@ def refined_areas(
     picture: NDArray[np.float32],
     areas: Sequence[Area],
     background: Floats,
-    rate: float = RATE,
-    unit: float = UNIT,
-    progress: Progress | None = None,
+    rate: float = find.RATE,
+    unit: float = find.UNIT,
+    progress: find.Progress | None = None,
     shaded: bool = False,
-) -> FoundAreas:
+) -> find.FoundAreas:
     """Return areas that are refined until they draw a picture, as `find_areas` refines its own.
 
     areas, background  areas in px of the picture, and the colour (3,) below them, which a picture
@@ -56,7 +46,7 @@ def refined_areas(
     Raise InputError if a part is partly transparent, but the picture is opaque, or if the areas
     would take too much memory.
     """
-    whole = channels_of(picture)
+    whole = find.channels_of(picture)
     pixels = without_shading(whole) if shaded else whole
     drawing = drawing_of(pixels, whole, areas, background)
     if (count := int(drawing.boxes()[:, 2:].prod(axis=1).sum())) > MOST_IN_BOXES:
@@ -66,7 +56,7 @@ def refined_areas(
     drawing.draw()
     drawing.weigh()
     drawing.solve_colors()
-    return refined(drawing, rate, unit, progress)
+    return find.refined(drawing, rate, unit, progress)
 
 
 def with_ellipses_as_areas(scene: Scene) -> Scene:
@@ -102,8 +92,6 @@ def drawing_of(
     pixels, whole  (h, w, c) channels of the picture to which they are fitted, and of all of it
     """
     channels = pixels.shape[2]
-    paints: dict[object, int] = {}
-    table, layers = list[Paint](), list[Layer]()
     for area in areas:
         if area.opacity < 1 and channels == 3:
             got = f"an area of opacity {area.opacity:g} on an opaque photo"
@@ -111,18 +99,16 @@ def drawing_of(
         if area.opacity < 1 and not isinstance(area.paint, tuple):
             got = f"a gradient of opacity {area.opacity:g}"
             raise refusal("start", "without transparent gradients", got, "without --start")
-        key = area.paint, area.opacity
-        if key not in paints:
-            paints[key] = len(table)
-            table.append(_paint(area, channels))
-        paths = [
-            Path(outline.segments, np.array(outline.curved), outline.closed)
-            for outline in area.outlines
-        ]
+    # Areas of the same colour share a paint.
+    paints = {(area.paint, area.opacity): _paint(area, channels) for area in areas}
+    number = {key: k for k, key in enumerate(paints)}
+    layers = []
+    for area in areas:
+        paths = [Path(one.segments, np.array(one.curved), one.closed) for one in area.outlines]
         cap = CAPS.index(area.cap)
-        layers.append(Layer(paints[key], paths, area.width, cap))
-    ground = Paint(np.array(background)) if channels == 3 else transparent_paint()
-    return Drawing(pixels, ground, table, layers, picture=whole)
+        layers.append(Layer(number[area.paint, area.opacity], paths, area.width, cap))
+    ground = Paint(np.array(background)) if channels == 3 else find.transparent_paint()
+    return Drawing(pixels, ground, list(paints.values()), layers, picture=whole)
 
 
 def _paint(area: Area, channels: int) -> Paint:
@@ -130,7 +116,7 @@ def _paint(area: Area, channels: int) -> Paint:
     if not isinstance(area.paint, tuple):
         color = np.mean(area.paint.colors, axis=0)
         return Paint(np.tile(color, channels // 3), area.paint)
-    opacity = max(area.opacity, LEAST_OPACITY)
+    opacity = max(area.opacity, find.LEAST_OPACITY)
     return Paint(np.tile(opacity * np.array(area.paint), channels // 3), opacity=opacity)
 
 
@@ -147,7 +133,7 @@ def as_rasterized(
     background  colour below the areas, or None if the picture is transparent there
     code  function that changes a raster as JPEG has changed the picture. None: nothing has
     """
-    pixels = channels_of(picture)
+    pixels = find.channels_of(picture)
     if pixels.shape[0] * pixels.shape[1] > 400 * 400:  # .2 px are seen less in larger ones
         return areas
     page = None if background is None else np.array(background)
@@ -156,11 +142,8 @@ def as_rasterized(
     exact = squared(changed(drawing.draw()) - pixels)
 
     def raster() -> NDArray[np.float32]:
-        image = rasterize(shown_areas(drawing)[0])
-        if pixels.shape[2] == 3:
-            return changed(image[..., :3])
-        over_black = image[..., :3] * image[..., 3:]
-        return np.concatenate([over_black, over_black + 1 - image[..., 3:]], axis=-1)
+        image = rasterize(find.shown_areas(drawing)[0])
+        return changed(image[..., :3]) if pixels.shape[2] == 3 else find.both_views(image)
 
     drawing.rasterize = raster
     # If another renderer made the picture, the raster has many times the error of exact coverage.
@@ -169,4 +152,4 @@ def as_rasterized(
         drawing.refine(4, colors=False)
         is_closer = squared(drawing.draw() - pixels) <= 1.6 * exact
     drawing.rasterize = None  # it would keep the memory of the drawing
-    return shown_areas(drawing)[0] if is_closer else areas
+    return find.shown_areas(drawing)[0] if is_closer else areas

@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from gauss2svg.areas.arrays import LEVEL, Box, Floats, Ints, dilated, parts_of, pixels_of, widened
 from gauss2svg.areas.paint import Paint, Palette
-from gauss2svg.areas.regions import Shares
+from gauss2svg.areas.regions import Regions, paint_numbers
 from gauss2svg.portable import dot, product
 
 PURE = 3  # px; a square of this size whose pixels have one colour is no mixture
@@ -53,15 +53,14 @@ class Letter(NamedTuple):
     darkest: Floats
 
 
-def add_letters(
-    pixels: Floats, cores: Ints, labels: Ints, shares: Shares, paints: list[Paint]
-) -> Ints:
+def add_letters(regions: Regions) -> Ints:
     """Give thin parts on one ground one colour. Return the region (h, w) below and beside them.
 
-    The region is -1 at other pixels. `labels`, `shares` and `paints` are changed.
+    The region is -1 at other pixels.
     """
-    ground = np.full(cores.shape, -1, np.int32)
-    letters = _letters_of(pixels, cores, shares, paints)
+    pixels, labels, paints = regions.pixels, regions.labels, regions.paints
+    ground = np.full(labels.shape, -1, np.int32)
+    letters = _letters_of(regions)
     flat = [paint for paint in dict.fromkeys(paints) if not paint.is_shaded]
     for line in _lines_of(letters, paints):
         longest = max(line, key=lambda letter: letter.share.max())
@@ -90,7 +89,7 @@ def add_letters(
         for letter in line:
             mixture = _mixture(pixels, letter.at, paint, paints[letter.region])
             labels[letter.at] = np.where(mixture[0] > 0.5, len(paints), letter.region)
-            _mix(shares, letter.at, len(paints), letter.region, mixture)
+            _mix(regions, letter.at, len(paints), letter.region, mixture)
             ground[letter.near] = letter.region
             paints.append(paint)
     return ground
@@ -107,8 +106,9 @@ def inside_of(cores: Ints, size: int) -> Ints:
     return np.where(low == high, low, -1)
 
 
-def _letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]) -> list[Letter]:
+def _letters_of(regions: Regions) -> list[Letter]:
     """Return the thin parts of a picture that have one ground and one direction of colours."""
+    pixels, cores, paints = regions.pixels, regions.cores, regions.paints
     pure, inside = inside_of(cores, PURE), inside_of(cores, 5)
     # A crossing of lines has squares of this size too, and gaps in it are no letters. So half of
     # the pixels of a ground are in such squares.
@@ -116,7 +116,7 @@ def _letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]
     thick, whole = (np.bincount(one[one >= 0], minlength=len(paints)) for one in (opened, cores))
     is_thick = thick > 0.5 * whole
     solid = (cores >= 0) & is_thick[cores]
-    part, boxes = parts_of((~is_thick[shares.largest] | (shares.error > UNEXPLAINED)) & ~solid)
+    part, boxes = parts_of((~is_thick[regions.largest] | (regions.error > UNEXPLAINED)) & ~solid)
     letters = []
     for k, tight in enumerate(boxes, 1):
         box = widened(tight, RIM + 1, cores.shape)
@@ -178,36 +178,35 @@ def _are_beside(one: Box, other: Box) -> bool:
     return down >= 0.5 * min(heights) and -across <= 0.6 * max(heights)
 
 
-def add_thin_regions(
-    pixels: Floats, cores: Ints, labels: Ints, shares: Shares, paints: list[Paint], palette: Palette
-) -> None:
-    """Give parts that nothing explains a colour. `shares` and `paints` are changed."""
+def add_thin_regions(regions: Regions) -> None:
+    """Give parts that nothing explains a colour."""
+    palette = Palette.of(regions.paints)
     for _ in range(3):
-        before = len(paints)
-        _add_parts(pixels, cores, labels, shares, paints, palette, UNEXPLAINED)
-        if len(paints) == before:
+        before = len(regions.paints)
+        _add_parts(regions, palette, UNEXPLAINED)
+        if len(regions.paints) == before:
             break
-    _add_parts(pixels, cores, labels, shares, paints, palette, FAINT)
-    _add_hairlines(pixels, cores, shares, paints)
+    _add_parts(regions, palette, FAINT)
+    _add_hairlines(regions)
 
 
-def _add_hairlines(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]) -> None:
+def _add_hairlines(regions: Regions) -> None:
     """Give long lines that have little of each of their pixels the colour that these have.
 
     They were explained as much thinner lines of a colour that is seen elsewhere. Faint lines are
     more often a pixel wide, as those of grids and of maps.
     """
-    order = np.argsort(-shares.share, axis=-1, kind="stable")
-    largest, second = (np.take_along_axis(shares.label, order, -1)[..., k] for k in (0, 1))
-    share = np.take_along_axis(shares.share, order, -1)[..., 1]
-    known: dict[Paint, int] = {}
-    number = np.array([known.setdefault(paint, len(known)) for paint in paints])
+    pixels, cores, paints = regions.pixels, regions.cores, regions.paints
+    order = np.argsort(-regions.share, axis=-1, kind="stable")
+    largest, second, _ = np.moveaxis(np.take_along_axis(regions.label, order, -1), -1, 0)
+    share = np.take_along_axis(regions.share, order, -1)[..., 1]
+    number = paint_numbers(paints)
     main, other = number[largest], number[second]
     is_faint = (share > 0.06) & (share < 0.4) & (cores < 0) & (inside_of(main, 3) >= 0)
     for k in np.unique(other[is_faint]):
         is_faint &= (other != k) | ~dilated(main == k, 2)
     part, boxes = parts_of(dilated(is_faint))
-    flat = [paint for paint in known if not paint.is_shaded]
+    flat = [paint for paint in dict.fromkeys(paints) if not paint.is_shaded]
     for q, tight in enumerate(boxes, 1):
         if max(side.stop - side.start for side in tight) < LEAST_HAIRLINE:
             continue
@@ -219,9 +218,9 @@ def _add_hairlines(pixels: Floats, cores: Ints, shares: Shares, paints: list[Pai
         paint = min(same or [Paint(color)], key=lambda paint: _differences(color, paint))
         at = pixels_of((part[tight] == q) & (cores[tight] < 0), tight)
         mixture = _mixture(pixels, at, paint, ground)
-        is_own = mixture[1] < shares.error[at] + UNEXPLAINED
+        is_own = mixture[1] < regions.error[at] + UNEXPLAINED
         at = at[0][is_own], at[1][is_own]
-        _mix(shares, at, len(paints), largest[at], mixture[:, is_own])
+        _mix(regions, at, len(paints), largest[at], mixture[:, is_own])
         paints.append(paint)
 
 
@@ -234,62 +233,59 @@ def _mixture(pixels: Floats, at: tuple[Ints, Ints], paint: Paint, ground: Paint)
 
 
 def _mix(
-    shares: Shares, at: tuple[Ints, Ints], name: int, under: Ints | int, mixture: Floats
+    regions: Regions, at: tuple[Ints, Ints], name: int, under: Ints | int, mixture: Floats
 ) -> None:
     """Share pixels between the region `name` and the regions `under` it, as in a mixture."""
     share, error = mixture
     under = np.broadcast_to(under, share.shape)
-    shares.label[at] = np.stack([np.full_like(under, name), under, np.full_like(under, -1)], axis=1)
-    shares.share[at] = np.stack([share, 1 - share, 0 * share], axis=1)
-    shares.error[at] = error
+    regions.label[at] = np.stack(np.broadcast_arrays(name, under, -1), axis=1)
+    regions.share[at] = np.stack([share, 1 - share, 0 * share], axis=1)
+    regions.error[at] = error
 
 
-def _add_parts(
-    pixels: Floats, cores: Ints, labels: Ints, shares: Shares, paints: list[Paint],
-    palette: Palette, least: float,
-) -> None:  # fmt: skip
+def _add_parts(regions: Regions, palette: Palette, least: float) -> None:
     """Give parts whose pixels have squared errors above `least` a colour.
 
     The strongest part comes first, because its colour may explain the weaker ones.
     """
-    part, boxes = parts_of(shares.error > least)
-    power = ndimage.sum_labels(shares.error, part, np.arange(1, len(boxes) + 1))
+    pixels, labels, paints = regions.pixels, regions.labels, regions.paints
+    part, boxes = parts_of(regions.error > least)
+    power = ndimage.sum_labels(regions.error, part, np.arange(1, len(boxes) + 1))
     for q in np.argsort(-power, kind="stable")[:MOST_PARTS]:
         at = pixels_of(part[boxes[q]] == q + 1, boxes[q])
-        old = shares.error[at]
+        old = regions.error[at]
         if len(old) < 3 or old.sum() < 0.02:
             continue
         # Faint errors that are even are those of a line in a colour that is nearly a mixture.
         if least < UNEXPLAINED and (len(old) < 16 or old.std() > 0.25 * old.mean()):
             continue
-        paint, cost = _paint_of_part(pixels, labels, at, old, paints, palette)
+        paint, cost = _paint_of_part(regions, at, old, palette)
         if cost > 0.6 * np.minimum(old, MOST_COUNTED).sum():
             continue
         name = len(paints)
         paints.append(paint)
         box = widened(boxes[q], 2, labels.shape)
-        grown_part = dilated(part[box] == q + 1) & (cores[box] < 0)
+        grown_part = dilated(part[box] == q + 1) & (regions.cores[box] < 0)
         at = pixels_of(grown_part, box)
         label, share, error = palette.explain(pixels, labels, at, paint.color, name)
-        better = (error < shares.error[at] - PRICE) & (label == name).any(axis=1)
+        better = (error < regions.error[at] - PRICE) & (label == name).any(axis=1)
         at = at[0][better], at[1][better]
-        shares.label[at], shares.share[at] = label[better], share[better]
-        shares.error[at] = error[better]
+        regions.label[at], regions.share[at] = label[better], share[better]
+        regions.error[at] = error[better]
 
 
 def _paint_of_part(
-    pixels: Floats, labels: Ints, at: tuple[Ints, Ints], error: Floats, paints: list[Paint],
-    palette: Palette,
-) -> tuple[Paint, float]:  # fmt: skip
+    regions: Regions, at: tuple[Ints, Ints], error: Floats, palette: Palette
+) -> tuple[Paint, float]:
     """Return the paint that explains the pixels of a part best, and its cost.
 
     error  (n,) squared error of the pixels without it
     """
-    values = pixels[at][np.argsort(-error, kind="stable")]
-    count = len(error)
+    pixels, paints = regions.pixels, regions.paints
+    values, count = pixels[at][np.argsort(-error, kind="stable")], len(error)
 
     def cost(color: Floats) -> float:
-        error = palette.explain(pixels, labels, at, color, len(paints))[2]
+        error = palette.explain(pixels, regions.labels, at, color, len(paints))[2]
         return float(np.minimum(error, MOST_COUNTED).sum())
 
     # The pixels that are explained worst may have the pure colour.

@@ -277,10 +277,10 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers, 
 
     steps = np.zeros(pixels.shape[:2])
     for axis in (0, 1):
-        step = np.abs(np.diff(pixels, axis=axis)).max(axis=2)
-        for before, after in ((0, 1), (1, 0)):
-            beside = np.pad(step, [(before, after) if a == axis else (0, 0) for a in (0, 1)])
-            np.maximum(steps, beside, out=steps)
+        step = np.moveaxis(np.abs(np.diff(pixels, axis=axis)).max(axis=2), axis, 0)
+        turned = np.moveaxis(steps, axis, 0)
+        for beside in (turned[1:], turned[:-1]):
+            np.maximum(beside, step, out=beside)
     # If a picture has far more pixels than 250 000, only about this many of them are read. The
     # stride is raised until it has no common divisor with the width. Otherwise pixels of some
     # columns would never be read.

@@ -1,13 +1,12 @@
 """Properties of noisy and enlarged drawings: their areas are those of the clean drawing."""
 
-import io
-
 import numpy as np
 import pytest
 from flat import vectorize
 from PIL import Image
 from scipy.spatial import KDTree
 from test_find import DRAWINGS, color_of, drawn, points_of
+from test_texture import jpeg, pixels_of
 
 from gauss2svg.areas.clean import coded, decoded, enlargement_of, noise_of, quality_of
 
@@ -19,9 +18,7 @@ def image_of(picture):
 
 def as_jpeg(picture, quality: int, subsampling: str = "4:2:0"):
     """Return a picture that was saved as JPEG."""
-    file = io.BytesIO()
-    image_of(picture).save(file, "JPEG", quality=quality, subsampling=subsampling)
-    return np.asarray(Image.open(file), np.float32) / 255
+    return pixels_of(jpeg(image_of(picture), quality, subsampling))
 
 
 def enlarged(picture, times: float, resampling=Image.Resampling.LANCZOS):

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
+from test_curves import cubic
 
 from gauss2svg.areas.find import find_areas
 from gauss2svg.areas.paint import paint_of
 from gauss2svg.render.areas import draw_areas
+from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import Area, LinearGradient, Outline, RadialGradient
 
 SIDE = 96
@@ -65,6 +67,12 @@ def drawn(areas, channels: int = 3, side: int = SIDE):
     return np.concatenate([color, alpha], axis=-1).astype(np.float32)
 
 
+def scene_of(areas, background, width: int = SIDE, height: int = SIDE) -> Scene:
+    """Return the scene of areas, which is transparent if they have no background."""
+    page, clear = (1, 1, 1) if background is None else background, background is None
+    return Scene(width, height, background=page, transparent=clear, areas=areas)
+
+
 def color_of(area: Area):
     """Return the colour (3,) of an area without a gradient."""
     assert isinstance(area.paint, tuple)
@@ -73,15 +81,14 @@ def color_of(area: Area):
 
 def points_of(areas):
     """Return points (n, 2) inside the picture along all outlines, at most .05 px apart."""
-    t = np.linspace(0, 1, 1500)[:, None]
-    parts = []
-    for outline in (outline for area in areas for outline in area.outlines):
-        for p, is_curve in zip(outline.segments, outline.curved, strict=True):
-            u = 1 - t
-            line = u * p[0] + t * p[3]
-            curve = u**3 * p[0] + 3 * u * u * t * p[1] + 3 * u * t * t * p[2] + t**3 * p[3]
-            parts.append(curve if is_curve else line)
-    points = np.concatenate(parts)
+    points = np.concatenate(
+        [
+            cubic(p, 1500) if is_curve else np.linspace(p[0], p[3], 1500)
+            for area in areas
+            for outline in area.outlines
+            for p, is_curve in zip(outline.segments, outline.curved, strict=True)
+        ]
+    )
     return points[((points > 0.5) & (points < SIDE - 0.5)).all(axis=1)]
 
 

@@ -5,7 +5,6 @@ import pytest
 from test_find import disc, over
 
 from gauss2svg.areas.find import find_areas
-from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
 INK, PALE_INK = (0.07, 0.07, 0.07), (0.94, 0.82, 0.38)
@@ -221,8 +220,7 @@ def test_points_between_digits_stay_though_no_pixel_has_their_colour(page):
         areas.append(Area((disc(x, y, 0.56),), (1.0, 1.0, 1.0)))
     picture = over(areas, 0.0, 128)
     result = find_areas(picture.astype(np.float32))
-    drawn = np.full_like(picture, result.background)
-    draw_areas(result.areas, drawn)
+    drawn = over(result.areas, result.background, 128)
     for x, y in places:
         around = np.s_[int(y) - 2 : int(y) + 2, int(x) - 2 : int(x) + 2]
         light, expected = ((one[around] - np.array(page)).sum() for one in (drawn, picture))
@@ -237,6 +235,5 @@ def test_faint_lines_of_a_grid_are_drawn_as_they_are():
     grid = Area(tuple(rows + columns), (0.87, 0.87, 0.87), width=1.0)
     picture = over([grid, Area((frame,), INK, width=1.4)], 1.0, 128)
     result = find_areas(picture.astype(np.float32))
-    drawn = np.full_like(picture, result.background)
-    draw_areas(result.areas, drawn)
+    drawn = over(result.areas, result.background, 128)
     assert np.abs(drawn - picture)[24:86, 24:116].max() < 0.05

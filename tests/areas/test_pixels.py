@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from test_find import scene_of as scene_of_areas
 from test_texture import PICTURES, drawing, jpeg, photo_named
 from test_texture import pixels_of as as_floats
 
@@ -26,10 +27,7 @@ def scene_of(picture, **options) -> Scene:
     """Return the scene of the areas of a picture, which must be pixel art."""
     found = sprite_of(picture)
     assert found is not None
-    areas, ground = areas_of_sprite(found, **options)
-    height, width = picture.shape[:2]
-    page = np.ones(3) if ground is None else np.array(ground)
-    return Scene(width, height, background=page, transparent=ground is None, areas=areas)
+    return scene_of_areas(*areas_of_sprite(found, **options), *picture.shape[1::-1])
 
 
 @pytest.mark.parametrize(("count", "side"), [(2, 1), (4, 2), (16, 1), (64, 3)])

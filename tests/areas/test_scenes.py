@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from test_find import scene_of
 
 from gauss2svg.areas.find import find_areas
 from gauss2svg.areas.scenes import as_rasterized
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize, rasterize_rgba
-from gauss2svg.scene import Scene
 from gauss2svg.svg import MINIMAL, Document, SvgFormat
 from gauss2svg.svg.write import write_svg
 
@@ -24,11 +24,9 @@ def fitted(picture):
     """Return the areas found in a picture, the same fitted to its raster, and the rasters."""
     found = find_areas(picture)
     draw = rasterize if picture.shape[2] == 3 else rasterize_rgba
-    page = np.ones(3) if found.background is None else np.array(found.background)
 
     def raster(areas):
-        clear = found.background is None
-        scene = Scene(SIDE, SIDE, background=page, transparent=clear, areas=areas)
+        scene = scene_of(areas, found.background, SIDE, SIDE)
         return draw(write_svg(scene, SvgFormat(markup=MINIMAL), Document()), SIDE, SIDE)
 
     areas = as_rasterized(picture, found.areas, found.background, raster)

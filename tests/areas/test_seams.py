@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 from scipy import ndimage
-from test_find import BLACK, BLUE, GREEN, RED, SIDE, disc, drawn, polygon
+from test_find import BLACK, BLUE, GREEN, RED, SIDE, disc, drawn, polygon, scene_of
 
 from gauss2svg.areas.find import find_areas
 from gauss2svg.raster import rasterize
-from gauss2svg.scene import Area, Scene
+from gauss2svg.scene import Area
 from gauss2svg.svg import SvgFormat
 from gauss2svg.svg.write import write_svg
 
@@ -34,10 +34,7 @@ MOST = 2.5 / 255  # of the page
 
 def share_of_page(found, markup, scale: float):
     """Return the share (n, n) in which the page shows through a file without its background."""
-    page = np.ones(3) if found.background is None else np.array(found.background)
-    scene = Scene(
-        SIDE, SIDE, background=page, transparent=found.background is None, areas=found.areas
-    )
+    scene = scene_of(found.areas, found.background)
     svg = write_svg(scene, SvgFormat(markup=markup, precision=1 / 24))
     background = r'<rect [^>]*id="background"[^>]*/>|<path( fill="[^"]*")? d="M[^"]*"/>'
     svg, count = re.subn(background, "", svg)

@@ -34,9 +34,9 @@ def drawing(name: str, side: int) -> Image.Image:
     return Image.open(io.BytesIO(bytes(png))).convert("RGBA")
 
 
-def jpeg(picture: Image.Image, quality: int) -> Image.Image:
+def jpeg(picture: Image.Image, quality: int, subsampling: str = "4:2:0") -> Image.Image:
     file = io.BytesIO()
-    picture.convert("RGB").save(file, "JPEG", quality=quality)
+    picture.convert("RGB").save(file, "JPEG", quality=quality, subsampling=subsampling)
     return Image.open(file)
 
 
