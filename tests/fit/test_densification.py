@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from flat import fit_config, session_of
 
-from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, Clock, refinement_reduction
+from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE
 from gauss2svg.fit.session import DensificationPolicy
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
@@ -81,34 +81,3 @@ def test_refinement_ends_at_full_size_and_is_all_at_it_where_the_count_adapts(go
     for (_, size, before), (_, larger, after) in itertools.pairwise(refined):
         if larger < size:  # squared gradients are of sums over pixels
             assert after == pytest.approx(before * (size / larger) ** 4, rel=0.5)
-
-
-def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
-    factors = [refinement_reduction(0.3, n, 768, 512) for n in (1, 682, 683, 2730, 2731, 10_000)]
-    assert factors == [4, 4, 2, 2, 1, 1]
-    assert [refinement_reduction(d, 256, 768, 512) for d in (0.3, 0.5, 0.55, 1)] == [4, 2, 1, 1]
-    assert refinement_reduction(0.3, 1, 255, 512) == 1
-    configs = [fit_config(n, 200, extend=True) for n in (0, 256, 2731)]
-    assert [config.steps(768, 512) for config in configs] == [200, 400, 200]
-
-
-def test_an_interrupted_reduced_refinement_ends_at_full_size():
-    session, sizes = large(40)
-    session.clock.stopped = lambda: bool(sizes) and sizes[-1][0] > GROWTH_SHARE
-    session.fit()
-    assert session.clock.stopped()
-    assert sizes[-1][1] > 1
-    assert session.population.reduction == 1
-    assert session.scene().mean.max() > 160
-
-
-def test_pauses_of_a_fit_add_up(monkeypatch):
-    now = itertools.count()  # a second for each look at the time
-    monkeypatch.setattr(time, "perf_counter", lambda: float(next(now)))
-    clock, busy = Clock(None, 1), Clock(None, 1)
-    begun = busy.elapsed_s - clock.elapsed_s
-    for _ in range(2):
-        with clock.paused():
-            time.perf_counter()
-    # Each pause had three looks, and two seconds between the first and the last of them.
-    assert begun - (busy.elapsed_s - clock.elapsed_s) == -4.0

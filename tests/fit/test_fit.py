@@ -11,7 +11,6 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import PSNR, FitOptions
 from gauss2svg.fit.placement import NewGaussians, place
 from gauss2svg.fit.population import LEAST_OPACITY
-from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import FitSession, convert_additive, fit
 from gauss2svg.fit.state import COLUMN_COUNT, FIRST_DECAY, State, columns_of, step
 from gauss2svg.fit.target import Target
@@ -230,15 +229,6 @@ def test_live_begins_on_the_largest_components_of_the_bins_as_the_paper_says():
 )
 def test_rounds_add_as_the_papers_schedules_do(schedule, gaussians, per_round, expected):
     assert fit_config(gaussians, 300, schedule=schedule, per_round=per_round).totals == expected
-
-
-def test_rounds_grow_on_a_reduced_target_to_the_count_and_rates_decay_to_a_fiftieth():
-    counts = totals("exponential", 5000, 300)
-    assert [reduction(n, 768, 512) for n in counts] == [8, 4, 4, 2, 2, 1]
-    assert counts[-1] == 5000
-    rates = [rate(i / 300) for i in range(300)]
-    assert (rates[0], rates[-1]) == (1, pytest.approx(0.02))
-    assert (np.diff(rates) <= 0).all()
 
 
 @pytest.mark.parametrize("iterations", [40, 60])

@@ -168,29 +168,6 @@ def test_too_low_a_psnr_over_black_is_status_one_too(tmp_path, capsys, drawn_her
     assert "0.00 dB, below --min-psnr 30" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("- -", "files must be one photo and then svgs; got -, -"),
-        ("PHOTO PHOTO", "files must be one photo and then svgs; got"),
-        ("PHOTO SVG --heatmap x.png --preview x.png", "is also another output"),
-        ("PHOTO SVG --max-svg-bytes 9k", "got more. try to raise --max-svg-bytes"),
-        ("PHOTO SVG --draw-timeout nan", "number above 0 and at most 86400; got nan"),
-        ("PHOTO SVG --reference-scale 3", "reference must be given"),
-    ],
-)
-def test_mistake_is_one_line_status_two_and_no_file(
-    arguments, message, fitted, tmp_path, monkeypatch, refusal
-):
-    monkeypatch.chdir(tmp_path)
-    before = [path.read_bytes() for path in fitted[:2]]
-    names = {"PHOTO": fitted[0], "SVG": fitted[1]}
-    given = [names.get(word, word) for word in arguments.split()]
-    assert message in refusal("check", *given, "--report", "r.json").lower()
-    assert list(tmp_path.iterdir()) == []
-    assert [path.read_bytes() for path in fitted[:2]] == before
-
-
 def test_a_renderer_that_crashes_or_takes_too_long_is_an_error(halves):
     deep = "<g>" * 20_000 + "</g>" * 20_000
     with pytest.raises(RendererError, match=r"crashed on the SVG"):

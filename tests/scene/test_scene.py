@@ -21,7 +21,7 @@ from gauss2svg.scene.falloff import (
     half_radius,
     profile,
 )
-from gauss2svg.scene.scene import PARAMETERS, STEPPED
+from gauss2svg.scene.scene import PARAMETERS
 
 FIELDS = [field.name for field in dataclasses.fields(Scene)]
 TWO = random_scene(2)
@@ -139,14 +139,6 @@ def test_every_value_outside_of_its_domain_is_refused_by_name(parameter, make):
         values[-1] = beyond
         with pytest.raises(SceneError, match=f"scene {parameter.name}.* must be"):
             scene.replace(**{parameter.name: values})
-
-
-@pytest.mark.parametrize(("parameter", "raw"), STEPPED, ids=lambda one: one.name)
-def test_raw_values_are_the_inverse_of_what_they_activate_to(parameter, raw):
-    values = np.linspace(raw.least, raw.most, 50)
-    active = raw.activated(values)
-    np.testing.assert_allclose(raw.inverse(active), values, atol=1e-9)
-    assert ((active >= parameter.least) & (active <= parameter.most)).all()
 
 
 def test_covariance_conic_and_axes_agree():

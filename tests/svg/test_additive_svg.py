@@ -13,10 +13,8 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg import SvgFormat
 from gauss2svg.svg.additive import phases_of
-from gauss2svg.svg.forms import gradient_stops, whole_stops
 from gauss2svg.svg.write import write_svg
 
 EXACT = SvgFormat(stops=8, precision=0.01)
@@ -85,28 +83,6 @@ def test_every_renderer_but_cairo_draws_a_sum(renderer):
     scene = scene_with(7)
     if renderer != "cairo":  # which refuses it
         assert psnr(rasterize(write_svg(scene, EXACT), 60, 44, renderer), render(scene)) > 36
-
-
-@pytest.mark.parametrize("count", [5, 8])
-def test_chosen_stops_are_nearer_than_rounded_ones(count):
-    levels = np.random.default_rng(2).uniform(0, 40, (50, 3))
-    levels[0] = 0
-    offsets, colors = whole_stops(levels, count)
-    assert (np.diff(offsets, axis=1) > 0).all()
-    assert ((offsets >= 0) & (offsets <= 1)).all()
-    assert not colors[:, -1].any()
-    assert not colors[0].any()
-    x = (np.arange(4000) + 0.5) / 4000
-    falloff = profile(x * cut_radius(1.0))[:, None]
-
-    def error(level, at, values):
-        drawn = np.stack([np.interp(x, at, column) for column in values.T], axis=-1)
-        return float((x[:, None] * (drawn - level * falloff) ** 2).mean())
-
-    at, values = (np.array(part) for part in gradient_stops(count))
-    rounded = [error(level, at, np.round(level * values[:, None])) for level in levels]
-    chosen = list(map(error, levels, offsets, colors))
-    assert np.mean(chosen) < 0.7 * np.mean(rounded)
 
 
 def test_two_sums_in_one_page_keep_their_own_filters():

@@ -12,8 +12,6 @@ import pytest
 from conftest import needs
 from flat import vectorize
 from galleries import save
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 from scenes import random_areas, random_scene
 from screens import captured, chromium
@@ -23,7 +21,6 @@ from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
 from gauss2svg.svg import DEFAULT_TITLE, Document, SvgFormat
-from gauss2svg.svg.element import number
 from gauss2svg.svg.file import bytes_by_part, file_bytes, is_own
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, write_svg
@@ -201,15 +198,6 @@ def test_a_photo_without_a_resolution_has_no_physical_size(dpi, line, picture):
     Image.open(picture).save(picture, **({} if dpi is None else {"dpi": dpi}))
     with pytest.raises(InputError, match=f"size must be .*{line}"):
         vectorize(picture, size="photo", **QUICK)
-
-
-@given(st.floats(-1e6, 1e6), st.integers(0, 6))
-def test_numbers_are_rounded_and_as_short_as_they_go(value, decimals):
-    text = number(value, decimals)
-    assert float(text) == pytest.approx(value, abs=0.5000001 * 10.0**-decimals)
-    assert re.fullmatch(r"0|-?([1-9]\d*)?(\.\d*[1-9])?", text)
-    assert text not in ("", "-")
-    assert number(-0.04, 1) == "0"
 
 
 SMALL = random_scene(30, 60, 45, 7, (2, 9))

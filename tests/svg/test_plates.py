@@ -26,7 +26,6 @@ from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
-LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 INKS = "#f7c306,#c0322c,#17324d"
 COUNT = 90
 BY_INK = SvgFormat(layers="inks", precision=0.01)
@@ -192,30 +191,6 @@ def test_cut_plates_are_files_of_closed_paths_beside_the_picture(photo, tmp_path
     assert [color for color, _ in paths] == ["#909090", "#202020"]
     assert all(data.endswith("z") for _, data in paths)
     assert not any("<circle" in one or "<ellipse" in one for one in (*plates, lines))
-
-
-@pytest.mark.parametrize(
-    ("given", "why"),
-    [
-        ("--paper red", "--paper must be given with --inks; got #ff0000"),
-        ("--overprint 2", "--overprint must be given with --inks that are listed"),
-        ("--inks red,#00f,lime,#ff0 --overprint 2", "mixes; got 2 for 4 inks. Try 1"),
-        ("--inks white", "--inks must be another colour than the paper; got #ffffff"),
-        ("--inks red --paper griin", "--paper must be a colour"),
-        ("--inks 3 --separations p.svg --trap 0.2", "--trap must be given with --cut"),
-        ("--separations p.svg", "--separations must be given with --inks"),
-        ("--plot p.svg --sheet 20x20mm", "margin must be smaller for a sheet of 20x20mm; got"),
-        ("--plot photo-1.svg", "is also the photo"),
-    ],
-)
-def test_bad_inks_and_sheets_are_one_line_and_no_file(given, why, tmp_path, monkeypatch, refusal):
-    monkeypatch.chdir(tmp_path)
-    levels = np.zeros((20, 30, 3))
-    levels[5:, 10:] = 1
-    picture = tmp_path / "photo-1.svg"  # as the first plate of photo.svg would be called
-    picture.write_bytes(as_png(levels))
-    assert why in refusal(picture, "-o", "o.svg", *given.split())
-    assert list(tmp_path.iterdir()) == [picture]
 
 
 MM = 0.5  # size of a px on paper
