@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial import KDTree
 
 from gauss2svg.areas.find import find_areas
-from gauss2svg.areas.paint import paint_of
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene.areas import Area, LinearGradient, Outline, RadialGradient
 
@@ -161,24 +160,20 @@ def test_nearly_equal_colors_become_one():
 
 
 def word(x: float, y: float, stroke: float) -> list[Outline]:
-    """Return letters of 10 px whose bars have the width `stroke`: I, E, O, V, N and L."""
+    """Return letters of 10 px whose bars have the width `stroke`: I, O, V and L."""
     s, h = stroke, 10.0
-    e = [(0, 0), (5, 0), (5, s), (s, s), (s, 4), (4, 4), (4, 4 + s), (s, 4 + s), (s, h - s)]
     shapes = [
         [(0, 0), (s, 0), (s, h), (0, h)],
-        [*e, (5, h - s), (5, h), (0, h)],
         [(0, 0), (6, 0), (6, h), (0, h)],
         [(0, 0), (s, 0), (3, h - 2 * s), (6 - s, 0), (6, 0), (3 + s / 2, h), (3 - s / 2, h)],
-        [(0, 0), (s, 0), (6 - s, 7), (6 - s, 0), (6, 0), (6, h), (6 - s, h), (s, 3), (s, h),
-         (0, h)],
         [(0, 0), (s, 0), (s, h - s), (5, h - s), (5, h), (0, h)],
-    ]  # fmt: skip
-    outlines = []
+    ]
+    hole = polygon(
+        *((x + s + 2.3 + u, y + v) for u, v in [(s, s), (s, h - s), (6 - s, h - s), (6 - s, s)])
+    )
+    outlines = [hole]
     for shape in shapes:
         outlines.append(polygon(*((x + u, y + v) for u, v in shape)))
-        if len(shape) == 4 and shape[1][0] == 6:
-            hole = [(s, s), (s, h - s), (6 - s, h - s), (6 - s, s)]
-            outlines.append(polygon(*((x + u, y + v) for u, v in hole)))
         x += max(u for u, _ in shape) + 2.3
     return outlines
 
@@ -242,12 +237,3 @@ def test_extreme_pictures_have_few_finite_areas(name):
     assert all(np.isfinite(o.points).all() for area in areas for o in area.outlines)
     if name in {"areas at every border", "a row of pixels", "the last row of pixels"}:
         assert np.abs(over(areas, 1.0) - picture).max() < 0.02 or len(areas) == 3
-
-
-@pytest.mark.parametrize("radii", [(40, 20), (20, 40)])
-def test_a_radial_gradient_is_as_wide_and_as_high_as_that_of_the_picture(radii):
-    ys, xs = np.mgrid[:60, :60]
-    distance = np.hypot((xs - 29.5) / radii[0], (ys - 29.5) / radii[1])
-    picture = np.exp(-(distance**2))[..., None] * np.array([0.9, 0.6, 0.3])
-    paint = paint_of(picture, ys.ravel(), xs.ravel())
-    assert np.abs(paint.at(xs, ys) - picture).max() < 8 / 255

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_find import disc, over
+from test_find import over
 
 from gauss2svg.areas.find import find_areas
 from gauss2svg.render.areas import draw_areas
@@ -51,10 +51,7 @@ FOUR = (
     curve((15, 108), (45, 48), (75, 132), (115, 70)),
     curve((30, 12), (52, 85), (84, 28), (104, 118)),
 )
-TWO_WIDTHS = {
-    line((10, 40), (118, 52.3)): 3,
-    curve((20, 10), (30, 70), (80, 80), (100, 14)): 1.5,
-}
+TWO_WIDTHS = {line((10, 40), (118, 52.3)): 3, curve((20, 10), (30, 70), (80, 80), (100, 14)): 1.5}
 AT_ANOTHER = line((10, 30.3), (118, 31)), line((62.4, 30.6), (58.1, 110))
 
 
@@ -150,23 +147,13 @@ def box(left: float, top: float, right: float, bottom: float) -> Outline:
 
 # Lines as they are drawn, with their colour and width, and what lies below and above them
 IN_TWO_ROWS = {
-    "between two rows": ([level(y) for y in (20, 45, 70)], GREY, 1, [], []),
-    "of one row, and between columns": (
-        [*(level(y + 0.5) for y in (20, 45)), *map(upright, (60, 90))], GREY, 1, [], [],
-    ),
     "with crossings": ([*map(level, (20, 45, 70)), *map(upright, (60, 90))], GREY, 1, [], []),
     "on two grounds": (
         [level(y) for y in (20, 45, 85, 100)], GREY, 1, [Area((box(10, 60, 118, 116),), BLUE)], [],
     ),
     "black": ([level(y) for y in (20, 45)], BLACK, 1, [], []),
-    "2 px wide, beside an area of their colour": (
-        [level(y) for y in (20, 45)], PALE, 2, [], [Area((box(30, 70, 80, 100),), PALE)],
-    ),
     "2 px wide, beside a wider line of their colour": (
         [level(y) for y in (20, 45)], PALE, 2, [], [Area((level(80),), PALE, width=4)],
-    ),
-    "2 px wide, too dark to be half of a colour": (
-        [level(y) for y in (20, 45)], (0.3,) * 3, 2, [], [],
     ),
 }  # fmt: skip
 
@@ -186,47 +173,6 @@ def test_lines_in_two_rows_have_their_width_and_colour(case):
         length += sum(np.hypot(*np.subtract(o.points[-1], o.points[0])) for o in area.outlines)
     drawn = sum(np.hypot(*np.subtract(o.points[-1], o.points[0])) for o in outlines)
     assert length == pytest.approx(drawn, rel=0.05)
-
-
-def test_a_grey_line_that_meets_darker_ones_has_its_own_colour():
-    """Violet and white mix to nearly this grey."""
-    violet, grey = (63 / 255, 61 / 255, 86 / 255), (0.8, 0.8, 0.8)
-    stems = Area((line((30, 30), (33, 70)), line((100, 30), (90, 70))), violet, width=2.2)
-    areas = [Area((line((20, 70.6), (120, 70.6)),), grey, width=1.9), stems]
-    areas.append(Area((box(50, 30, 80, 60),), violet))
-    widths = [area.width for area in found(areas) if np.allclose(area.paint, grey, atol=0.05)]
-    assert widths == [pytest.approx(1.9, rel=0.1)]
-
-
-def test_rails_that_meet_a_darker_area_keep_their_colour():
-    violet = (63 / 255, 61 / 255, 86 / 255)
-    rails = [curve((12, y + 6), (36, y - 2), (60, y - 2), (84, y + 6)) for y in (20, 28, 36)]
-    posts = [Outline(((x, 14), (x, 54)), (False,), closed=False) for x in (24.3, 47.8, 71.1)]
-    areas = [Area((outline,), violet, width=2.1) for outline in (*rails, *posts)]
-    areas.append(Area((box(10, 53.4, 86, 90),), (0.0, 0.0, 0.0)))
-    result = found(areas)
-    for area in result:
-        if max(area.paint) < 0.2:  # it is black
-            assert min(y for outline in area.outlines for _, y in outline.points) > 48
-    assert len(result) < 6
-
-
-@pytest.mark.parametrize("page", [(1.0, 0.6, 0.3), (0.1, 0.1, 0.2)])
-def test_points_between_digits_stay_though_no_pixel_has_their_colour(page):
-    places = [(30.0, 20.0), (60.0, 45.5), (30.5, 70.5)]
-    areas = [Area((box(-9, -9, 137, 137),), page)]
-    for x, y in places:
-        rings = (disc(x - 6, y - 3, 3.2), disc(x + 6, y - 3, 3.2))
-        areas.append(Area(rings, (1.0, 1.0, 1.0), width=1.3))
-        areas.append(Area((disc(x, y, 0.56),), (1.0, 1.0, 1.0)))
-    picture = over(areas, 0.0, 128)
-    result = find_areas(picture.astype(np.float32))
-    drawn = np.full_like(picture, result.background)
-    draw_areas(result.areas, drawn)
-    for x, y in places:
-        around = np.s_[int(y) - 2 : int(y) + 2, int(x) - 2 : int(x) + 2]
-        light, expected = ((one[around] - np.array(page)).sum() for one in (drawn, picture))
-        assert light == pytest.approx(expected, rel=0.5)
 
 
 def test_faint_lines_of_a_grid_are_drawn_as_they_are():

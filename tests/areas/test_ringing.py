@@ -38,13 +38,6 @@ def test_the_areas_of_the_source_explain_what_a_filter_changed(name, resampling)
     assert unrung(drawn(areas), areas, WHITE) is None
 
 
-def test_a_drawing_need_not_be_square():
-    picture, areas = rung(DRAWINGS["a ring"], LANCZOS), DRAWINGS["a ring"]
-    clean = unrung(picture[:-8], areas, WHITE)
-    assert clean is not None
-    assert np.abs(clean - drawn(areas)[:-8]).max() < 3 / 255
-
-
 @pytest.mark.parametrize("name", DRAWINGS)
 def test_clean_drawings_and_their_jpegs_are_as_no_filter_left_them(name):
     clean = drawn(DRAWINGS[name])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from flat import fit_config, session_of, vectorize
+from flat import fit_config, vectorize
 from pictures import antialiased_badge
 from scipy.ndimage import maximum_filter, minimum_filter
 
@@ -54,28 +54,6 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(options):
     assert result.report["psnr_roundtrip"] > 44
 
 
-def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
-    before, seen = [], []
-
-    def as_written(scene, psnr):
-        before.append(scene)
-        seen.append(quantize(scene, palette=8))
-        return seen[-1]
-
-    session = session_of(photo, fit_config(60, 80), as_written=as_written)
-    session.fit()
-    assert len(seen) == 1
-    last, opacity = session.scene(), before[0].opacity
-    pairs = [{*zip(s.beta, *s.color.T.round(9), strict=True)} for s in (seen[0], last)]
-    assert len(pairs[1]) <= len(pairs[0])
-    assert set(last.beta.round(9)) <= set(seen[0].beta.round(9))
-    assert not np.isin(last.color, seen[0].color).all()  # but as one they moved on
-    assert not np.isin(last.mean, seen[0].mean).any()  # the rest moved on
-    # Nearly opaque shapes have become opaque.
-    assert not ((opacity > 0.954) & (opacity < 0.9999)).any()
-    assert (opacity > 0.9999).any()
-
-
 INKS = "#f7c306,#c0322c,#17324d"
 
 
@@ -123,17 +101,3 @@ def test_number_of_inks_is_chosen_for_the_picture_and_unseen_inks_are_named(pict
     more = vectorize(picture, gaussians=20, iterations=20, inks=f"#00ff00,#ff00ff,{INKS}")
     said = "not used: #00ff00, #ff00ff of the inks"
     assert any(note.startswith(said) for note in more.report["notes"])
-
-
-def test_progress_has_decibels_against_the_picture_not_against_its_inks(picture):
-    inks, seen = INKS.split(",", 1)[1], []  # without the yellow of the most pixels
-
-    def look(now) -> None:
-        raster = render(now.scene())
-        seen.append((now.psnr, metrics.psnr(raster, picture)))
-
-    config = fit_config(gaussians=30, iterations=30, inks=inks)
-    session_of(picture, config, progress=look).fit()
-    said, true = np.array(seen[-10:]).T
-    assert said.max() < 12  # 20 and more against the picture in these inks
-    np.testing.assert_allclose(said, true, atol=0.2)

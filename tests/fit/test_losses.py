@@ -6,8 +6,6 @@ from flat import choices, fit_config
 from scenes import random_scene
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.placement import place
-from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import fit
 from gauss2svg.fit.target import Target, image_gradient, structural_similarity
 from gauss2svg.render.cpu import moments_of_gradient, splats_of
@@ -91,26 +89,6 @@ def test_a_function_that_is_no_loss_is_refused(answer, message):
         fit(pixels, fit_config(3, 5, loss=lambda render, target: answer))
 
 
-def chequered(height, width, contrast, cell=1) -> np.ndarray:
-    """Grey pixels (height, width, 3); with cells of 1 px their variance is contrast (width,)^2."""
-    y, x = np.mgrid[:height, :width] // cell
-    grey = 0.5 + (2 * ((x + y) % 2) - 1) * np.asarray(contrast)
-    return np.repeat(grey[:, :, None], 3, axis=2).astype(np.float32)
-
-
-def half_flat(cell=4) -> np.ndarray:
-    """Pixels (64, 64, 3), textured in the right half; psnr takes cells of 1 px for flat as well."""
-    return chequered(64, 64, np.where(np.arange(64) < 32, 0.0, 0.4), cell)
-
-
-def population(pixels, scene=None, **given) -> Population:
-    """That of a fit to pixels, with the Gaussians of a scene."""
-    found = Population(Target(pixels, given.get("tune", "perceptual")), fit_config(40, **given))
-    if scene is not None:
-        found.adopt(scene)
-    return found
-
-
 def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
     noise = np.random.default_rng(0).normal(0, 1, (1, 60, 360))
     contrast = np.repeat([0.0, 0.02, 0.06, 0.12, 0.5, 1.0], 60)
@@ -123,32 +101,3 @@ def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
     # far above the threshold it is inversely proportional to the contrast
     assert means[2] / means[3] == pytest.approx(2, rel=0.2)
     assert means[5] == pytest.approx(means[4], rel=0.01)
-
-
-@pytest.mark.parametrize("tune", ["perceptual", "psnr"])
-def test_new_gaussians_go_where_an_error_shows(tune):
-    target = Target(half_flat(), tune)
-    new = place("error", target, target.planar + 0.1, 1000, 1000, np.random.default_rng(0))
-    weight = target.weight if tune == "perceptual" else np.ones((64, 64))
-    on_flat = (new.mean[:, 0] < 32).mean()
-    assert on_flat == pytest.approx(weight[:, :32].sum() / weight.sum(), abs=0.02)
-
-
-@pytest.mark.parametrize("tune", ["perceptual", "psnr"])
-def test_gaussians_are_pruned_by_the_decibels_of_the_weighted_error(tune):
-    scene = random_scene(40, 64, 64, seed=2)
-    fitted = population(half_flat(), scene, tune=tune)
-    target, whole = fitted.target, fitted.state.copy()
-
-    def squares(state) -> float:
-        difference = target.rendered(state.splats(fitted.background, "over")) - target.planar
-        return float(np.sum(np.square(difference, dtype=np.float64) * target.weight))
-
-    before = squares(whole)
-    each = [squares(whole.select(np.arange(40) != i)) for i in range(40)]
-    gains = 10 * np.log10(np.array(each) / before)
-    positive = np.sort(gains[gains > 0])
-    least = float(positive[len(positive) // 2 - 1 : len(positive) // 2 + 1].mean())
-    fitted.prune(least)
-    np.testing.assert_array_equal(fitted.state.mean, whole.mean[gains > least])
-    assert 0 < len(fitted) < 40

@@ -9,9 +9,7 @@ from pictures import assert_read, chunk, encoded, png, srgb_curve
 from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import load_image
-from gauss2svg.photo.pixels import shrunk
 
 RNG = np.random.default_rng(0)
 CONVERTED = "converted from its embedded ICC profile to sRGB"
@@ -89,34 +87,6 @@ def test_what_is_no_picture_is_refused_in_one_line(source, message):
     with pytest.raises(InputError, match=message) as caught:
         load_image(source)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "given",
-    [*({"matte": matte} for matte in ((1, 1), (1, 1, 1.5), (0, 0, float("nan")), 0.5)),
-     *({"max_pixels": limit} for limit in (0, MOST_PIXELS + 1, 1.5))],
-)  # fmt: skip
-def test_options_of_reading_are_refused_by_name(given):
-    with pytest.raises(InputError, match=f"{next(iter(given))} must be"):
-        load_image(RGBA, **given)
-
-
-def test_shrinking_averages_areas_and_weights_colours_by_alpha():
-    pixels = RNG.random((12, 18, 4), dtype=np.float32)
-    pixels[:3, :3, 3] = 0
-    small = shrunk(pixels, 4, 6)
-    alpha = pixels[:, :, 3].reshape(4, 3, 6, 3)
-    np.testing.assert_allclose(small[:, :, 3], alpha.mean(axis=(1, 3)), atol=1e-6)
-    light = (pixels[:, :, :3] * pixels[:, :, 3:]).reshape(4, 3, 6, 3, 3).sum(axis=(1, 3))
-    weight = alpha.sum(axis=(1, 3))[:, :, None]
-    expected = np.divide(light, weight, out=np.zeros_like(light), where=weight > 0)
-    np.testing.assert_allclose(small[:, :, :3], expected, atol=1e-5)
-    assert (small[0, 0] == 0).all()
-    opaque = np.dstack([pixels[:, :, :3], np.ones((12, 18), np.float32)])
-    for one in (pixels, pixels[:, :, :3]):
-        assert shrunk(one, 12, 18) is one
-    alone = shrunk(pixels[:, :, :3], 5, 7)
-    np.testing.assert_allclose(shrunk(opaque, 5, 7)[:, :, :3], alone, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["PNG", "BMP", "TIFF", "GIF", "WEBP", "JPEG2000", "JPEG", "AVIF"])

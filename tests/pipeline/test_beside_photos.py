@@ -79,9 +79,7 @@ def test_a_mask_is_read_like_a_photo(tmp_path):
     ("mask", "line"),
     [
         (MASK.T, r"focus must be a mask of the photo's proportions, 64x48; got 48x64 px. Try the"),
-        (MASK[:, :-2], "proportions, 64x48; got 62x48 px"),
         (np.zeros((48, 64)), "focus must be a mask with white .*; got greys from 0 to 0 of"),
-        (np.ones((48, 64)), "got greys from 255 to 255 of 255"),
         (7, "focus must be a picture, but photo must be a path, .*; got int"),
         (np.full((48, 64), 2.0), "focus must be a picture, but samples of array .*0..1"),
         (b"rubbish", "focus must be a picture, but .* got an unknown format"),
@@ -107,19 +105,6 @@ def test_it_is_never_worse_than_the_file_that_it_starts_with(goal):
         assert again.report["psnr_svg"] >= first.report["psnr_svg"] - 0.01
         assert again.report["gaussians"] <= goal.get("gaussians", np.inf)
         assert again.report["svg_bytes"] <= goal.get("max_bytes", np.inf)
-
-
-@pytest.mark.parametrize("count", [25, pytest.param(150, marks=pytest.mark.sweep)])
-def test_shapes_are_added_or_removed_until_there_are_as_many_as_asked_for(count):
-    psnrs = []
-    for name in NAMES:
-        given = {"gaussians": count, "iterations": 60}
-        start = vectorize(small(name, PART), gaussians=60, iterations=60).scene
-        results = [vectorize(small(name, PART), **given, start=one) for one in (None, start)]
-        assert 0.97 * count <= results[1].report["gaussians"] <= count
-        psnrs.append([result.report["psnr_svg"] for result in results])
-    new, again = np.mean(psnrs, axis=0)
-    assert again > new - 0.4
 
 
 def test_shapes_are_scaled_to_the_photo_and_a_target_gets_more_of_them():

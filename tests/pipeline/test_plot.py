@@ -181,14 +181,6 @@ def test_each_ink_but_white_has_a_pen_that_gives_its_colour_with_the_paper():
         np.testing.assert_allclose(part, 1 - 0.875 * (1 - ink), atol=0.1)
 
 
-def test_white_areas_have_the_pen_around_them():
-    white, red = (1.0, 1.0, 1.0), (0.75, 0.2, 0.13)
-    areas = box(10, 10, 90, 90, red), box(30, 30, 60, 60, white)
-    (pen,) = plot_of(of_areas(*areas), "#ffffff,#c03020,#101010").pens
-    assert pen.name == "#c03020"
-    assert (np.abs(np.concatenate(pen.strokes) - [45, 45]).max(axis=1) < 16).any()
-
-
 def test_the_paper_is_not_drawn_and_inks_that_overprint_are_drawn_over_each_other():
     inks, paper = "#ff48b0,#0078bf", "#f5f0e6"
     mixes = printed_colors(inks, paper, 1)

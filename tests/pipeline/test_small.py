@@ -67,10 +67,6 @@ def test_a_limit_decides_the_markup_and_the_search():
         (AUTO_MINIMAL, minimal), (AUTO_MINIMAL + 1, editable),
     ):  # fmt: skip
         assert search_of(max_bytes=limit) == expected
-    for more in ({"markup": "editable"}, {"renderer": "cairo"}, {"fragments": True}):
-        assert search_of(max_bytes=5000, **more) == editable
-    for other in ({"stops": 6}, {"loss": "l1"}):
-        assert search_of(max_bytes=5000, **other) == minimal
     # If the target is out of reach, the limit is filled.
     aim, within = Plan(Options.from_flat({"max_bytes": 5000, "target_psnr": 30})).searches()
     assert (aim.by_bytes, within.by_bytes, within.aim) == (False, True, None)

@@ -98,14 +98,6 @@ def test_document_that_cannot_be_is_refused(change, message):
         Document(**change)
 
 
-def test_bytes_by_part_are_those_of_the_elements_and_sum_to_all():
-    text = write_svg(SCENE, document=Document(title="<circle r='1'/> größe <defs></defs>"))
-    parts = bytes_by_part(text)
-    assert sum(parts.values()) == len(text.encode())
-    assert parts["geometry"] == sum(map(len, re.findall("<circle[^>]*>", PLAIN)))
-    assert parts["gradients"] == len(re.search("<defs>.*</defs>", PLAIN, re.DOTALL)[0])
-
-
 def test_options_of_the_document_reach_the_file_and_its_report_and_change_no_shape(
     picture, tmp_path
 ):

@@ -154,13 +154,3 @@ def test_blurred_scene_is_drawn_as_the_model_has_it(renderer):
     assert (scene.drawn == BLURRED).sum() > 10
     svg = write_svg(scene, SvgFormat(form=BLUR, precision=0.01, opacity_decimals=3))
     assert metrics.psnr(rasterize(svg, 200, 160, renderer), render(scene)) > 37
-
-
-@pytest.mark.parametrize(
-    ("sigma", "beta", "plain"),
-    [([20, 20], 64, True), ([200, 200], 64, False), ([60, 60], 64, False), ([200, 20], 64, False),
-     ([1, 1], 2, False), ([20, 20], 2, False), ([90, 90], 16, False)],
-)  # fmt: skip
-def test_plain_are_crisp_shapes_and_no_others(sigma, beta, plain):
-    scene = Scene(99, 99, [[50, 50]], [sigma], [0], np.zeros((1, 3)), [1], beta=[beta])
-    assert is_plain(scene).tolist() == [plain]

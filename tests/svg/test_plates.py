@@ -20,7 +20,6 @@ from gauss2svg.scene.areas import Area, Outline
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.scene.inks import ink_colors, printed_colors
 from gauss2svg.svg import Document, SvgFormat
-from gauss2svg.svg.paints import color_of
 from gauss2svg.svg.plates import Regions, grouped_by_ink, plate_of
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
@@ -82,19 +81,6 @@ def test_plates_add_up_to_the_picture_and_leave_out_what_changes_nothing():
     assert np.abs(total - picture).mean() < 0.01
     one = np.where(np.arange(COUNT)[:, None] == 5, [1.0, 0, 0], ink_colors(INKS)[1])
     assert len(plate_of(scene.replace(color=one), {"#ff0000": 1.0})) < COUNT
-
-
-def test_every_shape_is_one_stroke_in_its_colour_and_nothing_is_filled():
-    scene = random_scene(40, seed=3, sigma=(1, 8)).replace(opacity=np.full(40, 0.5))
-    root = parse(outline_svg(scene, Document(animate=3)))
-    strokes = [color_of(e.get("stroke", ""), "stroke") for e in root.iter(SVG + "ellipse")]
-    np.testing.assert_allclose(strokes, scene.color, atol=0.51 / 255)
-    assert root.get("fill") == "none"
-    assert not any("fill" in element.attrib for element in root.iter() if element is not root)
-    layers = list(root.iter(SVG + "g"))
-    assert [layer.get("id") for layer in layers] == ["round-1", "round-2", "round-3"]
-    assert [len(layer) for layer in layers] == np.bincount(scene.round_index).tolist()
-    assert root.find(SVG + "style") is not None
 
 
 @pytest.mark.parametrize(
