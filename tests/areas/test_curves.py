@@ -2,19 +2,13 @@
 
 import numpy as np
 import pytest
+from outlines import cubic
 from scipy.optimize import least_squares
 from scipy.spatial import KDTree
 
 from gauss2svg.areas.outlines import merged_path
 
 ARC = np.array([[0, 0], [6, 4], [13, 5], [20, 0]])
-
-
-def cubic(p, count: int):
-    """Return `count` points along the cubic with the control points p (4, 2)."""
-    t = np.linspace(0, 1, count)[:, None]
-    u = 1 - t
-    return u**3 * p[0] + 3 * u * u * t * p[1] + 3 * u * t * t * p[2] + t**3 * p[3]
 
 
 def rms(values) -> float:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from outlines import cubic, polygon
 from scipy.spatial import KDTree
 
 from gauss2svg.areas.find import find_areas
@@ -25,10 +26,6 @@ def disc(x: float, y: float, radius: float, is_hole: bool = False) -> Outline:
     if is_hole:
         points = points[:1] + points[:0:-1]
     return Outline(tuple(points), (True,) * 4)
-
-
-def polygon(*points: tuple[float, float]) -> Outline:
-    return Outline(points, (False,) * len(points))
 
 
 WAVE = Outline(((15, 70), (30, 20), (60, 90), (82, 25)), (True,), closed=False)
@@ -72,14 +69,10 @@ def color_of(area: Area):
 
 def points_of(areas):
     """Return points (n, 2) inside the picture along all outlines, at most .05 px apart."""
-    t = np.linspace(0, 1, 1500)[:, None]
     parts = []
     for outline in (outline for area in areas for outline in area.outlines):
         for p, is_curve in zip(outline.segments, outline.curved, strict=True):
-            u = 1 - t
-            line = u * p[0] + t * p[3]
-            curve = u**3 * p[0] + 3 * u * u * t * p[1] + 3 * u * t * t * p[2] + t**3 * p[3]
-            parts.append(curve if is_curve else line)
+            parts.append(cubic(p, 1500) if is_curve else np.linspace(p[0], p[3], 1500))
     points = np.concatenate(parts)
     return points[((points > 0.5) & (points < SIDE - 0.5)).all(axis=1)]
 

@@ -2,17 +2,13 @@
 
 import numpy as np
 import pytest
+from outlines import box, polygon, polyline
 from test_find import over
 
 from gauss2svg.areas.find import find_areas
-from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
 INK, PALE_INK = (0.07, 0.07, 0.07), (0.94, 0.82, 0.38)
-
-
-def line(*points: tuple[float, float], closed: bool = False) -> Outline:
-    return Outline(points, (False,) * (len(points) - 1 + closed), closed)
 
 
 def curve(*points: tuple[float, float]) -> Outline:
@@ -46,19 +42,22 @@ def check(areas, others, within: float = 0.6) -> None:
 
 
 FOUR = (
-    line((10.3, 20.7), (116, 34.2)),
-    line((12, 62), (76.5, 12)),
+    polyline((10.3, 20.7), (116, 34.2)),
+    polyline((12, 62), (76.5, 12)),
     curve((15, 108), (45, 48), (75, 132), (115, 70)),
     curve((30, 12), (52, 85), (84, 28), (104, 118)),
 )
-TWO_WIDTHS = {line((10, 40), (118, 52.3)): 3, curve((20, 10), (30, 70), (80, 80), (100, 14)): 1.5}
-AT_ANOTHER = line((10, 30.3), (118, 31)), line((62.4, 30.6), (58.1, 110))
+TWO_WIDTHS = {
+    polyline((10, 40), (118, 52.3)): 3,
+    curve((20, 10), (30, 70), (80, 80), (100, 14)): 1.5,
+}
+AT_ANOTHER = polyline((10, 30.3), (118, 31)), polyline((62.4, 30.6), (58.1, 110))
 
 
 def two_at(degrees: float) -> list[Outline]:
     """Return two lines that cross at an angle."""
     x, y = 50 * np.cos(np.radians(degrees / 2)), 50 * np.sin(np.radians(degrees / 2))
-    return [line((64.2 - x, 64.2 - y), (64.2 + x, 64.2 + y)) for y in (y, -y)]
+    return [polyline((64.2 - x, 64.2 - y), (64.2 + x, 64.2 + y)) for y in (y, -y)]
 
 
 # Lines with their widths, and the px within which their ends are found
@@ -87,7 +86,7 @@ def test_a_line_goes_on_through_crossings(name):
 def test_ends_are_round_or_butt_as_they_are():
     width = 3
     areas = [
-        Area((line((20, y), (104, y + 9)),), INK, width=width, cap=cap)
+        Area((polyline((20, y), (104, y + 9)),), INK, width=width, cap=cap)
         for y, cap in zip((20, 45.3, 70.2), CAPS, strict=True)
     ]
     rows = sorted(strokes(found(areas)), key=lambda row: row[2][1])
@@ -101,7 +100,7 @@ def test_ends_are_round_or_butt_as_they_are():
 def test_dashes_stay_dashes(width, dash, gap):
     way = np.array([np.cos(0.2), np.sin(0.2)])
     starts = [np.array([12.0, 40.3]) + k * (dash + gap) * way for k in range(5)]
-    outlines = tuple(line(tuple(a), tuple(a + dash * way)) for a in starts)
+    outlines = tuple(polyline(tuple(a), tuple(a + dash * way)) for a in starts)
     areas = [Area(outlines, INK, width=width)]
     others = found(areas)
     check(areas, others, 0.5)
@@ -116,12 +115,12 @@ def test_a_line_whose_width_changes_is_an_area(least, most):
     across = np.gradient(middle, axis=0)[:, ::-1] * [-1, 1]
     across /= np.hypot(*across.T)[:, None]
     sides = np.concatenate([middle + half * across, (middle - half * across)[::-1]])
-    others = found([Area((line(*map(tuple, sides), closed=True),), INK)])
+    others = found([Area((polygon(*map(tuple, sides)),), INK)])
     assert [area.is_line for area in others] == [False]
 
 
 def test_a_corner_of_a_line_is_a_node():
-    zigzag = line((12, 100), (40.3, 40), (60, 84), (84.2, 30), (112, 100))
+    zigzag = polyline((12, 100), (40.3, 40), (60, 84), (84.2, 30), (112, 100))
     (area,) = found([Area((zigzag,), INK, width=3)])
     nodes = np.array(area.outlines[0].points)
     assert len(area.outlines) == 1
@@ -134,15 +133,11 @@ BLUE = (0.73, 0.87, 0.98)
 
 
 def level(y: float, left: float = 20) -> Outline:
-    return line((left, y), (108, y))
+    return polyline((left, y), (108, y))
 
 
 def upright(x: float) -> Outline:
-    return line((x, 12), (x, 100))
-
-
-def box(left: float, top: float, right: float, bottom: float) -> Outline:
-    return line((left, top), (right, top), (right, bottom), (left, bottom), closed=True)
+    return polyline((x, 12), (x, 100))
 
 
 # Lines as they are drawn, with their colour and width, and what lies below and above them
@@ -173,16 +168,3 @@ def test_lines_in_two_rows_have_their_width_and_colour(case):
         length += sum(np.hypot(*np.subtract(o.points[-1], o.points[0])) for o in area.outlines)
     drawn = sum(np.hypot(*np.subtract(o.points[-1], o.points[0])) for o in outlines)
     assert length == pytest.approx(drawn, rel=0.05)
-
-
-def test_faint_lines_of_a_grid_are_drawn_as_they_are():
-    """They are nearly black mixed with white, so they might be lines of .13 px in black."""
-    rows = [line((20, y), (120, y)) for y in (30.5, 50.5, 70.5)]
-    columns = [line((x, 20), (x, 90)) for x in (40.5, 60.5, 80.5)]
-    frame = line((20, 20), (120, 20), (120, 90), (20, 90), closed=True)
-    grid = Area(tuple(rows + columns), (0.87, 0.87, 0.87), width=1.0)
-    picture = over([grid, Area((frame,), INK, width=1.4)], 1.0, 128)
-    result = find_areas(picture.astype(np.float32))
-    drawn = np.full_like(picture, result.background)
-    draw_areas(result.areas, drawn)
-    assert np.abs(drawn - picture)[24:86, 24:116].max() < 0.05

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
@@ -48,17 +47,6 @@ def test_samples_are_the_gradient_of_the_readable_twin():
     assert np.abs(sampled - exact).max() < 0.15  # about half a sample of 1/4 px
     total = np.abs(exact).sum(axis=0)
     assert np.abs(sampled.sum(axis=0) - exact.sum(axis=0)).max() < 0.02 * total.max()
-
-
-@pytest.mark.parametrize("width", [1.5, 3.0])
-def test_refinement_finds_the_width_and_the_ends_of_a_line(width):
-    points = ((3.2, 6.1), (9.0, 1.5), (14.0, 20.0), (20.3, 17.2))
-    moved = tuple((x + 0.3, y + 0.4) for x, y in points)
-    target = drawing_of(Outline(points, (True,), False), CANVAS, width).draw()
-    drawing = drawing_of(Outline(moved, (True,), False), target, 1.3 * width)
-    drawing.refine(30, colors=False)
-    assert drawing.width[0] == pytest.approx(width, abs=0.03)
-    assert np.abs(drawing.point[[0, 3]] - np.array(points)[[0, 3]]).max() < 0.05
 
 
 def test_refinement_never_raises_the_error():

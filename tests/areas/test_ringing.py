@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from flat import vectorize
+from outlines import polygon
 from PIL import Image
 from test_clean import as_jpeg, image_of, off
-from test_find import DRAWINGS, RED, SIDE, drawn, polygon
+from test_find import DRAWINGS, RED, SIDE, drawn
 
 from gauss2svg.areas.ringing import is_rung, unrung
 from gauss2svg.render.areas import draw_areas

@@ -4,8 +4,9 @@ import re
 
 import numpy as np
 import pytest
+from outlines import polygon
 from scipy import ndimage
-from test_find import BLACK, BLUE, GREEN, RED, SIDE, disc, drawn, polygon
+from test_find import BLACK, BLUE, GREEN, RED, SIDE, disc, drawn
 
 from gauss2svg.areas.find import find_areas
 from gauss2svg.raster import rasterize

@@ -11,16 +11,7 @@ from batches import TINY_COMMAND, marks, outputs, save_photo, save_photos, tiny
 
 from gauss2svg.batch import many
 from gauss2svg.batch.inputs import write
-from gauss2svg.batch.many import (
-    MARKS,
-    STATE,
-    TABLE,
-    PhotoRecord,
-    Summary,
-    as_cell,
-    text_of_cell,
-    vectorize_many,
-)  # fmt: skip
+from gauss2svg.batch.many import MARKS, STATE, TABLE, PhotoRecord, Summary, vectorize_many
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
 from gauss2svg.pool import WorkerDiedError
@@ -189,11 +180,11 @@ def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, m
 
 def test_no_cell_of_a_table_begins_a_formula_and_every_name_is_unicode():
     for text in ("=1+1", "+1", "-1", "@a", "\tx", "\rx"):
-        assert as_cell(text) == f"'{text}"
-        assert text_of_cell(as_cell(text)) == text
+        assert many.as_cell(text) == f"'{text}"
+        assert many.text_of_cell(many.as_cell(text)) == text
     for text in ("a=1", "'a", "ü"):
-        assert as_cell(text) == text_of_cell(text) == text
-    assert (as_cell("\udcff"), as_cell(-1.5)) == ("\\udcff", -1.5)
+        assert many.as_cell(text) == many.text_of_cell(text) == text
+    assert (many.as_cell("\udcff"), many.as_cell(-1.5)) == ("\\udcff", -1.5)
 
 
 @pytest.mark.posix  # Windows forbids most of these names

@@ -17,7 +17,6 @@ import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.cli.summary import check_table, print_summary
 from gauss2svg.pipeline.options import OPTIONS
-from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.scene import Scene
 
 QUICK = ["--gaussians", "20", "--iterations", "5"]
@@ -73,16 +72,6 @@ def test_a_command_writes_its_files_and_says_what_it_did(command, picture, tmp_p
     assert done.stderr
     for name in COMMANDS[command]:
         assert (tmp_path / name).stat().st_size > 100
-
-
-def test_a_log_has_a_line_of_progress_a_minute(capsys, monkeypatch):
-    now = 0.0
-    monkeypatch.setattr("gauss2svg.pipeline.progress_display.time.monotonic", lambda: now)
-    with counting() as update:
-        for now in (0.0, 59.0, 60.0, 119.0, 7000.0):
-            update("3 failed", int(now), 10_000)
-    lines = [f"gauss2svg: {done} of 10,000: 3 failed" for done in ("60", "7,000")]
-    assert capsys.readouterr().err.splitlines() == lines
 
 
 @pytest.mark.parametrize(

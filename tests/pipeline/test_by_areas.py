@@ -166,10 +166,7 @@ def test_areas_and_gaussians_are_closer_than_either_alone_at_any_size(glows):
         )
         assert both > max(others) + 2
     assert f"{len(glows.scene)} Gaussians" in repr(glows)
-
-
-def test_gaussians_do_not_spill_over_the_page(glows):
-    assert 255 * np.abs(glows.raster - GLOWS)[:12, -20:].max() < 3
+    assert 255 * np.abs(glows.raster - GLOWS)[:12, -20:].max() < 3  # the page is plain there
 
 
 @pytest.mark.parametrize("picture", [CLEAR, SHADED], ids=["alpha", "gradient"])

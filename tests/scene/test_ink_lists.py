@@ -93,20 +93,6 @@ def test_a_picture_has_no_more_inks_than_visible_colours():
         inks_of(pixels, 3)
 
 
-@pytest.mark.parametrize(
-    ("accent", "side", "corner", "inks"),
-    [((0.86, 0.68, 0.2), 90, 10, 5), ((0.2, 0.35, 0.8), 90, 10, 5), ((0.2, 0.6, 0.3), 300, 14, 6)],
-)
-def test_a_small_accent_has_an_ink_beside_many_greys(accent, side, corner, inks):
-    """Of a ramp from dark to light, one pixel in 80 or in 460 is of an accent."""
-    noise = np.random.default_rng(2)
-    pixels = np.linspace(0.05, 0.95, side)[:, None, None] + noise.normal(0, 0.02, (side, side, 3))
-    part = slice(side // 3, side // 3 + corner)
-    pixels[part, part] = accent + noise.normal(0, 0.02, (corner, corner, 3))
-    chosen = ink_colors(inks_of(np.clip(pixels, 0, 1).astype(np.float32), inks))
-    assert np.abs(chosen - accent).max(axis=1).min() < 0.05
-
-
 def test_antialiasing_and_paper_are_no_inks_and_an_only_colour_is_one():
     at = np.hypot(*np.mgrid[-100:100, -100:100])
     picture = np.full((200, 200, 3), [0.93, 0.91, 0.86])

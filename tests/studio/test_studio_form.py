@@ -83,12 +83,6 @@ def test_the_lines_are_read_back_as_the_same_options(given, monkeypatch):
     assert Options(goal=gauss2svg.Goal(**goal), **groups).flat() == options.flat()
 
 
-def test_lines_name_the_mask_of_a_photo_as_it_is_saved():
-    lines = lines_of("-a.png", Options(), has_focus=True)
-    assert lines["command"] == "gauss2svg ./-a.png -o ./-a.svg --focus ./-a-focus.png"
-    assert "vectorize('-a.png', focus='-a-focus.png')" in lines["python"]
-
-
 @pytest.mark.parametrize("is_local", [True, False])
 def test_the_page_says_where_photos_go(is_local):
     text = answer_of(create_app(is_local=is_local), "GET", "/").text

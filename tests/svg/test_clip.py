@@ -6,21 +6,22 @@ from functools import partial
 
 import numpy as np
 import pytest
+from outlines import box, polygon, polyline
 from scenes import random_scene, random_sum
 from screens import drawn_in_pages
 
 from gauss2svg.raster import rasterize
-from gauss2svg.scene import PLAIN, Area, Outline, Scene
+from gauss2svg.scene import PLAIN, Area, Scene
 from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, plate_svg, write_svg
 
 WIDTH, HEIGHT = 40, 30
-WHOLE = Area([Outline([(0, 0), (40, 0), (40, 30), (0, 30)], [False] * 4)], (0, 1, 0))
-BESIDE = Area([Outline([(0, 0), (-9, 9), (9, 9)], [False] * 3)], (1, 0, 0))
+WHOLE = Area([box(0, 0, 40, 30)], (0, 1, 0))
+BESIDE = Area([polygon((0, 0), (-9, 9), (9, 9))], (1, 0, 0))
 # A line that reaches beyond the canvas only by its stroke.
-EDGE = Area([Outline([(9, 29), (30, 29)], [False], closed=False)], (0, 0, 1), width=3)
+EDGE = Area([polyline((9, 29), (30, 29))], (0, 0, 1), width=3)
 MINIMAL = SvgFormat(markup="minimal", precision=0.5)
 # What writes each kind of file that has a clip.
 CLIPPED = {

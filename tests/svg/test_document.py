@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from conftest import needs
 from flat import vectorize
-from galleries import save
 from PIL import Image
 from scenes import random_areas, random_scene
 from screens import captured, chromium
@@ -32,11 +31,6 @@ QUICK = {"gaussians": 20, "iterations": 6}
 QUICK_OPTIONS = ["--gaussians", "20", "--iterations", "6"]
 SCENE = random_scene(30, 60, 45, 7)
 PLAIN = write_svg(SCENE)
-
-
-@pytest.fixture
-def picture(photo, tmp_path):
-    return save(photo[:48, :64], tmp_path / "photo.png", dpi=(96, 96))
 
 
 def test_a_file_has_its_size_names_background_and_a_layer_for_each_round_that_draws():

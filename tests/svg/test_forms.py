@@ -15,7 +15,7 @@ from gauss2svg.measure import metrics
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import DRAW_ROTATED_BLURS, rasterize
 from gauss2svg.render import render
-from gauss2svg.scene import BLURRED, Scene
+from gauss2svg.scene import BLURRED
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg import STOP_COUNTS, SvgFormat
 from gauss2svg.svg.forms import (
@@ -123,28 +123,6 @@ def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette
         first = as_written(scene, BLUR).drawn == BLURRED
         np.testing.assert_allclose(kept.color[first], scene.color[first], atol=0.51 / 255)
         assert svg.count("<radialGradient") <= palette
-
-
-@pytest.mark.parametrize(
-    ("beta", "opacity", "blurred"),
-    [(1, 0.3, True), (1, 1, False), (1.74, 1, True), (4.3, 1, True), (16, 1, False)]
-    + [(beta, opacity, None) for beta in (0.6, 2.2, 9, 128) for opacity in (0.1, 0.9)],
-)
-def test_blurring_changes_little_or_is_not_done(beta, opacity, blurred):
-    scene = Scene(
-        99, 99, mean=[[50, 50]], sigma=[[12, 12]], rho=[0], color=np.ones((1, 3)),
-        opacity=[opacity], background=np.zeros(3), beta=[beta],
-    )  # fmt: skip
-    written = as_written(scene, BLUR)
-    is_blurred = written.drawn[0] == BLURRED
-    assert blurred in (None, is_blurred)
-    if is_blurred:
-        blur = BLURS[nearest_blurs(scene)[0]]
-        r = np.linspace(0, 1 + 3 * blur.deviation, 300)
-        drawn = opacity * blur.peak * blurred_disc(r, 1 / blur.deviation)
-        own = opacity * profile(blur.radius * r, blur.beta)
-        assert np.abs(drawn - own).max() < 0.05
-        assert np.abs(render(written) - render(scene)).max() <= 0.1
 
 
 @pytest.mark.parametrize("renderer", DRAW_ROTATED_BLURS)

@@ -11,15 +11,7 @@ from PIL import Image
 from gauss2svg import files
 from gauss2svg.cli.main import main
 from gauss2svg.errors import RendererError
-from gauss2svg.processes import command_line
 from gauss2svg.raster import renderers
-
-
-def test_a_command_is_shown_as_one_types_it():
-    shown = (
-        "'my photo.png' 'a&b.png' ''" if sys.platform != "win32" else '"my photo.png" a&b.png ""'
-    )
-    assert command_line(["gauss2svg", "my photo.png", "a&b.png", ""]) == f"gauss2svg {shown}"
 
 
 @pytest.mark.posix
