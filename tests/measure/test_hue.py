@@ -8,6 +8,7 @@ from skimage.color import rgb2lab
 
 from gauss2svg.measure.metrics import local_hue_error
 from gauss2svg.measure.roundtrip import measure_pixels
+from gauss2svg.photo.pixels import views
 
 RNG = np.random.default_rng(1)
 PHOTO = data.astronaut()[40:219, 150:335].astype(np.float32) / 255  # 185x179 px
@@ -41,3 +42,13 @@ def test_a_lost_dot_is_found_at_its_place_and_the_more_the_larger_it_is():
     assert worst[1] < 2  # one px
     assert worst[3] > 50
     assert local_hue_error(0.9 * GREY, GREY).worst < 0.1  # only the lightness differs
+
+
+@pytest.mark.parametrize(("color", "worse"), [((1, 1, 0), 0), ((0, 0, 1), 1)])
+def test_of_a_transparent_photo_the_worse_error_of_over_white_and_over_black_counts(color, worse):
+    photo = np.dstack([GREY, np.ones(GREY.shape[:2], np.float32)])
+    image = photo.copy()
+    image[20:40, 20:40] = *color, 0.5
+    over = [local_hue_error(each, GREY) for each in views(image)]
+    assert local_hue_error(image, photo) == over[worse]
+    assert over[worse].worst > over[1 - worse].worst + 1

@@ -10,6 +10,7 @@ from PIL import Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.photo.load import load_image
+from gauss2svg.photo.pixels import shrunk
 
 RNG = np.random.default_rng(0)
 CONVERTED = "converted from its embedded ICC profile to sRGB"
@@ -85,6 +86,15 @@ def test_what_is_no_picture_is_refused_in_one_line(source, message):
     with pytest.raises(InputError, match=message) as caught:
         load_image(source)
     assert "\n" not in str(caught.value)
+
+
+def test_shrinking_averages_areas_and_weights_colours_by_alpha():
+    pixels = RNG.random((12, 18, 4), dtype=np.float32)
+    pixels[:3, :3, 3] = 0
+    small, (*colors, alpha) = shrunk(pixels, 4, 6), np.moveaxis(pixels, 2, 0)
+    light = [(one * alpha).reshape(4, 3, 6, 3).mean(axis=(1, 3)) for one in colors]
+    np.testing.assert_allclose(small[:, :, :3] * small[:, :, 3:], np.stack(light, -1), atol=1e-5)
+    assert (small[0, 0] == 0).all()
 
 
 @pytest.mark.parametrize("name", ["PNG", "BMP", "TIFF", "GIF", "WEBP", "JPEG2000", "JPEG", "AVIF"])

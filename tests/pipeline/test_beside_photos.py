@@ -120,18 +120,6 @@ def test_shapes_are_scaled_to_the_photo_and_a_target_gets_more_of_them():
     assert grown["gaussians"] > 40
 
 
-@pytest.mark.parametrize(("shape", "channels"), [((1, 1), 4), ((1, 40), 3)])
-def test_any_scene_is_a_start_for_any_photo(shape, channels):
-    photo = np.random.default_rng(0).random((*shape, channels))
-    photo[..., 3:] = 0
-    empty = Scene(30, 20)
-    off = Scene(
-        9, 9, mean=[[-50, 1e6]], sigma=[[1, 1e5]], rho=[0.5], color=[[1, 0, 1]], opacity=[0]
-    )
-    for start in (empty, off):
-        assert np.isfinite(vectorize(photo, gaussians=3, start=start).raster).all()
-
-
 def test_the_command_starts_with_a_scene_or_with_an_svg(tmp_path, photo, refusal):
     svg, npz, out, picture = (str(tmp_path / name) for name in ("a.svg", "a.npz", "b.svg", "a.png"))
     Image.fromarray(np.uint8(photo[:48, :64] * 255)).save(picture)

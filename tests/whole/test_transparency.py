@@ -150,13 +150,6 @@ def test_opaque_alpha_is_no_alpha_and_colours_of_invisible_pixels_change_nothing
     assert vectorize(other, **FEW).svg == vectorize(cut_out, **FEW).svg
 
 
-@pytest.mark.sweep
-def test_target_holds_over_both_backdrops(cut_out):
-    report = vectorize(cut_out, target_psnr=27, quality="fast").report
-    assert report["stop_reason"] == "target_psnr"
-    assert min(report["psnr_svg"], report["psnr_svg_black"]) >= 26.95
-
-
 ROUNDING = {np.float32: 6e-5, np.float64: 3e-7}  # of two renders, and of the float32 result
 
 
