@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from flat import vectorize
 
+from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.plan import AUTO_MINIMAL, BY_BYTES_UP_TO, Plan
 from gauss2svg.pipeline.run import Run
-
+from gauss2svg.raster import rasterize_like
 
 
 def hills(width=72, height=48):
@@ -79,6 +80,15 @@ def test_a_file_has_gaussians_wherever_one_fits():
         file = search(picture, flat + more, iterations=30).run().file
         assert file.size <= flat + more
         assert (len(file.scene) > 0) == (more > 0)
+
+
+def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels():
+    ramp = np.linspace(0.1, 0.9, 300, dtype=np.float32)
+    for picture in (np.dstack([ramp[None]] * 3), np.dstack([ramp[:, None]] * 3)):
+        run = search(picture, 2000, iterations=15)
+        found = run.run().file
+        assert psnr(rasterize_like(found.svg, picture), picture) > 35
+        assert max(len(fit.scene) for fit in run.fits) <= run.subject.working[..., 0].size
 
 
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr(photo):

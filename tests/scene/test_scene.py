@@ -81,10 +81,6 @@ REFUSALS = [
     ({"rho": np.ma.array([0.1, 0.2], mask=[0, 1])}, r"rho\[1\] .* got nan. Try to replace NaN"),
     ({"round_index": [1, 0]}, "round_index must not decrease"),
     ({"level": [0, 1]}, "level must be at most 0, the number of areas; got 1"),
-    (
-        {"level": [-1, 4], "areas": AREAS},
-        "level must not decrease; got lower Gaussians over higher",
-    ),
     ({"blend": "multiply"}, "blend must be one of over, add; got 'multiply'"),
     ({"blend": "add", "opacity": [1, 1], "beta": [1, 2]}, r"beta\[1\] must be .* additive scene"),
     ({"areas": 5}, "areas must be Areas; got 5"),
