@@ -254,6 +254,14 @@ def asked(monkeypatch):
 
 
 @pytest.fixture
+def picture(photo, tmp_path):
+    """The path of a photo of 64x48 px, of 96 px an inch."""
+    import galleries
+
+    return galleries.save(photo[:48, :64], tmp_path / "photo.png", dpi=(96, 96))
+
+
+@pytest.fixture
 def two(photo, tmp_path):
     """Paths of two photos."""
     import galleries

@@ -1,7 +1,6 @@
 """Batches: every photo once, as by the command; done ones are skipped, failed ones reported."""
 
 import csv
-import dataclasses
 import errno
 import json
 import os
@@ -12,21 +11,9 @@ from batches import TINY_COMMAND, marks, outputs, save_photo, save_photos, tiny
 
 from gauss2svg.batch import many
 from gauss2svg.batch.inputs import write
-from gauss2svg.batch.many import (
-    MARKS,
-    STATE,
-    TABLE,
-    PhotoRecord,
-    Summary,
-    as_cell,
-    text_of_cell,
-    vectorize_many,
-)  # fmt: skip
+from gauss2svg.batch.many import MARKS, STATE, TABLE, PhotoRecord, Summary, vectorize_many
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
-from gauss2svg.photo.pixels import Header
-from gauss2svg.pipeline import run as resources
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pool import WorkerDiedError
 from gauss2svg.svg.file import file_bytes
 
@@ -193,11 +180,11 @@ def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, m
 
 def test_no_cell_of_a_table_begins_a_formula_and_every_name_is_unicode():
     for text in ("=1+1", "+1", "-1", "@a", "\tx", "\rx"):
-        assert as_cell(text) == f"'{text}"
-        assert text_of_cell(as_cell(text)) == text
+        assert many.as_cell(text) == f"'{text}"
+        assert many.text_of_cell(many.as_cell(text)) == text
     for text in ("a=1", "'a", "ü"):
-        assert as_cell(text) == text_of_cell(text) == text
-    assert (as_cell("\udcff"), as_cell(-1.5)) == ("\\udcff", -1.5)
+        assert many.as_cell(text) == many.text_of_cell(text) == text
+    assert (many.as_cell("\udcff"), many.as_cell(-1.5)) == ("\\udcff", -1.5)
 
 
 @pytest.mark.posix  # Windows forbids most of these names
@@ -209,17 +196,6 @@ def test_every_name_that_the_system_allows_is_read_and_written(run, tmp_path):
     assert run(tmp_path / "in") == {"done": made, "skipped": [], "failed": []}
     assert run(*(tmp_path / "in").iterdir())["skipped"] == made
     assert sorted(outputs(tmp_path / "out")) == made
-
-
-def test_photo_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monkeypatch):
-    photo = save_photo(tmp_path / "large.png", 1, 300)
-    load = resources.load_of(Plan(tiny()), Header(300, 300, has_alpha=False))
-    limit = (dataclasses.replace(load, fit=(1, 1)).bytes + load.bytes) // 2
-    monkeypatch.setattr(resources, "free_bytes", lambda: int(limit / resources.MEMORY_SHARE))
-    monkeypatch.setattr(resources, "held_bytes", lambda: 0)
-    assert run(photo)["failed"] == ["large.svg"]
-    assert "memory must be at least" in rows(tmp_path / "out")["large.svg"]["error"]
-    assert run(photo, max_memory=limit)["done"] == ["large.svg"]
 
 
 def test_the_summary_has_the_time_left_at_the_speed_so_far_and_counts_sketches(monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 from batches import TINY_COMMAND, save_photo, save_photos
 
 from gauss2svg.batch import many
-from gauss2svg.batch.inputs import file_system_of, photos_of, write
+from gauss2svg.batch.inputs import photos_of
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 
@@ -57,17 +57,6 @@ def test_list_keeps_whole_names_without_root_and_steps_upwards(folder, monkeypat
     assert names("in/list.txt") == expected
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(lines)))
     assert names("-") == expected
-
-
-def test_files_in_a_store_may_have_the_characters_of_urls_in_their_names():
-    made = {f"{name}.png": name.encode() for name in ("a:b", "#", "a?b", "%41")}
-    for name, data in made.items():
-        write("memory://names", name, data)
-    found = {}
-    for url, name in photos_of(["memory://names"]):
-        with file_system_of(url) as (fs, path):
-            found[f"{name}.png"] = fs.cat_file(path)
-    assert found == made
 
 
 @pytest.mark.posix

@@ -15,11 +15,6 @@ from gauss2svg.errors import InputError
 
 
 @pytest.fixture
-def picture(photo, tmp_path):
-    return save(photo[:48, :64], tmp_path / "photo.png")
-
-
-@pytest.fixture
 def requests(monkeypatch):
     """The requests of a benchmark, answered without a process."""
     asked = []

@@ -14,14 +14,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.batch.inputs import listed_photos, slug_of
-from gauss2svg.compare import chart, pages
+from gauss2svg.compare import chart
 from gauss2svg.compare.grid import add_row, rows_in
-from gauss2svg.compare.records import TOOL
 from gauss2svg.compare.run import crops_of
-from gauss2svg.compare.table import below, plots_of
-from gauss2svg.compare.variants import parse_axes, settings_of, variants_of
+from gauss2svg.compare.variants import parse_axes, settings_of
 from gauss2svg.errors import InputError
-from gauss2svg.measure import PSNR, SCORES, SSIM
+from gauss2svg.measure import PSNR, SSIM
 
 
 def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
@@ -55,8 +53,6 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
     [
         (["speed"], "axis must be an option: one of quality, gaussians"),
         (["inks=6,griin"], "axis inks must be .*Try 6, or"),
-        (["gaussians=many"], "axis gaussians must be .*; got 'many'"),
-        ({"loss": ()}, "axis loss must be given with values"),
         ({"loss": ["l3"]}, "axis loss must be one of weighted, mse"),
         (["form=gradient,blur", "renderer=chromium,cairo"], ".*for form blur; got 'cairo'"),
     ],
@@ -65,41 +61,6 @@ def test_axes_that_no_run_could_have_are_refused_on_one_line(axes, line):
     with pytest.raises(InputError, match=f"^ax[ie]s:?.*{line.removeprefix('axis')}") as refusal:
         settings_of(axes if isinstance(axes, dict) else parse_axes(axes))
     assert "\n" not in str(refusal.value)
-
-
-# Few values, so that equals are common.
-records = st.lists(
-    st.fixed_dictionaries({name: st.integers(0, 6) for name in ("s", "b", "psnr_svg", "flip_svg")}),
-    min_size=1,
-    max_size=12,
-)
-
-
-@given(records, st.sampled_from([score for score in SCORES if score.slug in ("psnr", "flip")]))
-def test_distance_below_a_front_is_the_gain_at_no_more_cost(rows, score):
-    for one in rows:
-        both = below(one, rows, score, "s", "b")
-        gains = [
-            score.sign * (other[score.key] - one[score.key])
-            for other in rows
-            if other["s"] <= one["s"] and other["b"] <= one["b"]
-        ]
-        assert both == max(gains) >= 0
-        # A second cost can only excuse.
-        assert both <= min(below(one, rows, score, cost) for cost in ("s", "b"))
-
-
-def test_the_line_of_a_plot_joins_the_cheapest_settings_of_the_best_scores():
-    none = {"tool": TOOL, **dict.fromkeys(axis.key for axis in SCORES)}
-    settings = (("dear", 30, 8), ("good", 35, 9), ("cheap", 30, 2), ("worse", 20, 4))
-    for plot in plots_of([
-        none | {"label": label, "psnr_svg": score, "cpu_s": cost, "svgz_bytes": cost}
-        for label, score, cost in settings
-    ]).values():  # fmt: skip
-        places = re.findall(r"<title>(\w+): .*?translate\((\S+) (\S+)\)", plot)
-        at = {f"{x},{y}": label for label, x, y in places}
-        line = re.search(r'points="([^"]*)"', plot)[1]
-        assert [at[point] for point in line.split()] == ["cheap", "good"]
 
 
 odd_letters = st.sampled_from("\udcff\ud800\u202e\u200f🙂/\\.:-x1 A\u0130")
@@ -129,16 +90,6 @@ def test_names_and_slugs_are_unique_short_and_of_no_order(paths, random):
     for photo in found:  # the name is that of the file, or the path if another has the same
         own = Path(photo.path).name
         assert photo.name == (own if names[own] == 1 else Path(photo.path).as_posix())
-
-
-@pytest.mark.posix
-def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name in ("one.png", "other.png"):
-        Path(name).write_text(name)
-    Path("link.png").symlink_to("one.png")
-    paths = ["one.png", Path("other.png"), "link.png", "./one.png"]
-    assert [photo.name for photo in listed_photos(paths)] == ["one.png", "other.png"]
 
 
 @pytest.mark.parametrize(("height", "width", "side"), [(9, 14, 4), (3, 14, 5), (1, 1, 3)])
@@ -210,18 +161,3 @@ in_bytes, in_seconds = partial(chart.tick, unit="bytes"), partial(chart.tick, un
 def test_numbers_are_shown_so(show, value, text):
     assert show(value).replace("\N{NARROW NO-BREAK SPACE}", " ") == text
     assert " " not in show(value)  # no line break separates the unit
-
-
-def test_a_line_of_a_chart_joins_what_is_ours_by_cost():
-    variants, _ = variants_of(["draft", "fast", "high"], peers=["jpeg"])
-    svgs = [
-        {
-            "variant": variant, "title": "", "row": {"page": ""},
-            "report": {"psnr_svg": 30.0 + at, "total_s": 9.0 - at},
-        }
-        for at, variant in enumerate(variants)
-    ]  # fmt: skip
-    drawn = pages.chart_of([{"svgs": svgs}], variants, PSNR, chart.COSTS[1])
-    assert drawn is not None
-    assert [point["group"] for point in drawn["points"]] == [None, 0, 0, 0]
-    assert [point["series"] for point in drawn["points"]] == [3, 2, 1, 0]

@@ -67,13 +67,8 @@ def pictures(photo, tmp_path, monkeypatch) -> None:
     levels = np.uint8(255 * photo[44:52, 50:62])
     svg = gauss2svg.vectorize(levels, gaussians=5).svg
     small = Image.fromarray(levels)
-    for name in (
-        "photo.jpg",
-        "photos/one.jpg",
-        "more/two.jpg",
-        "public/photos/lake.jpg",
-        "sketch.jpg",
-    ):
+    for name in ("photo", "photos/one", "more/two", "public/photos/lake", "sketch"):
+        name = f"{name}.jpg"
         Path(name).parent.mkdir(parents=True, exist_ok=True)
         small.save(name, quality=95, dpi=(300, 300))
     small.save("logo.png")

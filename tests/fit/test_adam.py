@@ -49,7 +49,7 @@ def step_by_linear_algebra(
     sizes, *bounds = columns.T
     finite = True
     for i in range(len(state)):
-        if not np.isfinite(gradient[i]).all():
+        if not (np.abs(gradient[i]) < 1e150).all():
             state.adam_m[i], state.adam_v[i], state.age[i] = 0, 0, 0
             finite = False
             continue
@@ -88,34 +88,16 @@ def step_by_linear_algebra(
 
 @pytest.mark.parametrize("rate", [0.02, 5.0])
 @pytest.mark.parametrize("least", [LEAST_FITTED_SIGMA, LEAST_SIGMA_ABOVE_AREAS])
-def test_the_kernel_steps_as_linear_algebra_does(least, rate):
+def test_the_kernel_steps_as_linear_algebra_does_and_forgets_what_is_not_finite(least, rate):
     fast, rng = random_state(90, 0), np.random.default_rng(0)
     slow = fast.copy()
-    for _ in range(4):
+    for number, bad in enumerate((0.0, math.nan, -math.inf, 1e200)):
         moments = rng.normal(size=(90, COLUMN_COUNT)) * 10.0 ** rng.integers(-6, 6, (90, 1))
+        moments[range(COLUMN_COUNT), range(COLUMN_COUNT)] += bad
         splats = fast.splats(np.zeros(3))
-        assert step(fast, moments, splats, OVER, MOST_SIGMA, 0.1, rate, least)
-        assert step_by_linear_algebra(slow, moments, splats, OVER, MOST_SIGMA, 0.1, rate, least)
+        given = moments, splats, OVER, MOST_SIGMA, 0.1, rate, least
+        assert step(fast, *given) == step_by_linear_algebra(slow, *given) == (number == 0)
         for name in NAMES:
             np.testing.assert_allclose(
                 getattr(fast, name), getattr(slow, name), rtol=1e-7, atol=1e-7, err_msg=name
             )
-
-
-@pytest.mark.parametrize("bad", [math.nan, -math.inf, 1e200])
-def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
-    state = random_state(20, 1)
-    moments = np.random.default_rng(2).normal(size=(20, COLUMN_COUNT))
-    splats = state.splats(np.zeros(3))
-    step(state, moments, splats, OVER, MOST_SIGMA, rate=0.1)
-    good, others = state.copy(), np.arange(20) != 7
-    step(good, moments, splats, OVER, MOST_SIGMA, rate=0.1)
-    for k in range(COLUMN_COUNT):
-        spoilt, moved = moments.copy(), state.copy()
-        spoilt[7, k] = bad
-        assert not step(moved, spoilt, splats, OVER, MOST_SIGMA, rate=0.1)
-        for name in NAMES:
-            array, kept = getattr(moved, name), getattr(state, name)
-            forgotten = 0 if name in ("adam_m", "adam_v", "age") else kept[7]
-            np.testing.assert_array_equal(array[7], forgotten)
-            np.testing.assert_array_equal(array[others], getattr(good, name)[others])

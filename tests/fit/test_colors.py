@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
-from flat import fit_config, session_of, vectorize
+from flat import fit_config, vectorize
 from pictures import antialiased_badge
-from scenes import random_scene
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from gauss2svg.fit.colors import InkColors
-from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import fit
-from gauss2svg.fit.state import State
-from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import rasterize
@@ -57,28 +52,6 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(options):
     assert result.svg.count("<radialGradient") == result.report["gradients"] == gradients
     assert gradients <= (options["palette"] or 40)
     assert result.report["psnr_roundtrip"] > 44
-
-
-def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
-    before, seen = [], []
-
-    def as_written(scene, psnr):
-        before.append(scene)
-        seen.append(quantize(scene, palette=8))
-        return seen[-1]
-
-    session = session_of(photo, fit_config(60, 80), as_written=as_written)
-    session.fit()
-    assert len(seen) == 1
-    last, opacity = session.scene(), before[0].opacity
-    pairs = [{*zip(s.beta, *s.color.T.round(9), strict=True)} for s in (seen[0], last)]
-    assert len(pairs[1]) <= len(pairs[0])
-    assert set(last.beta.round(9)) <= set(seen[0].beta.round(9))
-    assert not np.isin(last.color, seen[0].color).all()  # but as one they moved on
-    assert not np.isin(last.mean, seen[0].mean).any()  # the rest moved on
-    # Nearly opaque shapes have become opaque.
-    assert not ((opacity > 0.954) & (opacity < 0.9999)).any()
-    assert (opacity > 0.9999).any()
 
 
 INKS = "#f7c306,#c0322c,#17324d"
@@ -128,50 +101,3 @@ def test_number_of_inks_is_chosen_for_the_picture_and_unseen_inks_are_named(pict
     more = vectorize(picture, gaussians=20, iterations=20, inks=f"#00ff00,#ff00ff,{INKS}")
     said = "not used: #00ff00, #ff00ff of the inks"
     assert any(note.startswith(said) for note in more.report["notes"])
-
-
-def test_a_picture_in_inks_is_the_same_in_any_bands(picture):
-    inks = InkColors(ink_colors(INKS))
-    tall = inks.inked(np.tile(picture, (8, 1, 1)))  # more than one band
-    for top in range(64, 448, 64):
-        np.testing.assert_array_equal(tall[top : top + 64], tall[64:128])
-
-
-def test_reducible_error_is_what_another_ink_would_save(picture):
-    target, inks = Target(picture, "psnr"), InkColors(ink_colors(INKS))
-    rendered = np.full_like(target.planar, 0.5)
-    residual = target.planar - inks.reducible(target, rendered)
-    best = ((picture[:, :, None] - inks.color) ** 2).sum(axis=3).min(axis=2)
-    saved = np.maximum(((picture - 0.5) ** 2).sum(axis=2) - best, 0)
-    np.testing.assert_allclose((residual**2).sum(axis=0), saved, atol=1e-5)
-    drawn = inks.nearest(picture.reshape(-1, 3)).reshape(picture.shape)
-    closest = np.moveaxis(drawn, -1, 0).astype(np.float32)
-    np.testing.assert_allclose(inks.reducible(target, closest), target.planar, atol=1e-6)
-
-
-def test_exchange_lowers_the_error_and_keeps_to_the_inks(picture):
-    population = Population(Target(picture, "psnr"), fit_config(inks=INKS))
-    inks, target = population.inks, population.target
-    assert inks is not None
-    scene = random_scene(50, 80, 64, 5, (1, 8), (1, 8)).replace(opacity=np.ones(50))
-    state = State.of(scene.mean, np.zeros((50, 3)), 0, raw_opacity=np.full(50, 12.0))
-    population.state = state = state.quantized(scene)
-    state.color = inks.color[np.arange(50) % 3]
-    before = target.weighted_squares(target.rendered(population.splats()))
-    population.exchange_inks(inks)
-    assert target.weighted_squares(target.rendered(population.splats())) < before
-    assert (state.color[:, None] == inks.color).all(axis=2).any(axis=1).all()
-
-
-def test_progress_has_decibels_against_the_picture_not_against_its_inks(picture):
-    inks, seen = INKS.split(",", 1)[1], []  # without the yellow of the most pixels
-
-    def look(now) -> None:
-        raster = render(now.scene())
-        seen.append((now.psnr, metrics.psnr(raster, picture)))
-
-    config = fit_config(gaussians=30, iterations=30, inks=inks)
-    session_of(picture, config, progress=look).fit()
-    said, true = np.array(seen[-10:]).T
-    assert said.max() < 12  # 20 and more against the picture in these inks
-    np.testing.assert_allclose(said, true, atol=0.2)

@@ -3,15 +3,9 @@
 import itertools
 import time
 
-import numpy as np
-import pytest
 from flat import fit_config, session_of
 
-from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, Clock, refinement_reduction
-from gauss2svg.fit.session import DensificationPolicy
 from gauss2svg.measure import metrics
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render import render
 
 
@@ -47,68 +41,3 @@ def test_fit_takes_the_time_until_its_deadline_and_no_more(photo, monkeypatch):
 
     for most in (None, 2000):
         assert steps(150, most) * 1.5 < steps(450, most)
-
-
-def large(count, iterations=60, config=None):
-    """A session on a picture large enough for reduced refinement, and the sizes of its steps."""
-    y, x = np.mgrid[:256, :320] / 256
-    stripes = 0.5 + 0.3 * np.sin(17 * x * (1 + y)) * np.cos(9 * y)
-    pixels = np.stack([stripes, x / 1.25, 1 - y], axis=-1).astype(np.float32)
-    policy = DensificationPolicy(fit_config(count, iterations))
-    config = config or fit_config(count, iterations)
-    sizes: list[tuple[float, int, float]] = []
-
-    def look(now) -> None:
-        moments = float(session.state.adam_v.sum())
-        sizes.append((now.done, session.population.reduction, moments))
-
-    session = session_of(pixels, config, policy, progress=look)
-    return session, sizes
-
-
-@pytest.mark.parametrize("goal", [{}, {"target_psnr": 60.0}, {"max_bytes": 10**6}])
-def test_refinement_ends_at_full_size_and_is_all_at_it_where_the_count_adapts(goal):
-    options = Options.from_flat({"gaussians": 40, "iterations": 60, **goal})
-    session, sizes = large(40, config=Plan(options).fit_config)
-    session.fit()
-    refined = [step for step in sizes if step[0] > GROWTH_SHARE]
-    early = [size for done, size, _ in refined if done < FULL_FROM]
-    late = [size for done, size, _ in refined if done >= FULL_FROM]
-    assert len(early) > 10
-    assert len(late) > 10
-    assert set(late) == {session.population.reduction} == {1}
-    assert all(size == 1 if goal else size > 1 for size in early)
-    for (_, size, before), (_, larger, after) in itertools.pairwise(refined):
-        if larger < size:  # squared gradients are of sums over pixels
-            assert after == pytest.approx(before * (size / larger) ** 4, rel=0.5)
-
-
-def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
-    factors = [refinement_reduction(0.3, n, 768, 512) for n in (1, 682, 683, 2730, 2731, 10_000)]
-    assert factors == [4, 4, 2, 2, 1, 1]
-    assert [refinement_reduction(d, 256, 768, 512) for d in (0.3, 0.5, 0.55, 1)] == [4, 2, 1, 1]
-    assert refinement_reduction(0.3, 1, 255, 512) == 1
-    configs = [fit_config(n, 200, extend=True) for n in (0, 256, 2731)]
-    assert [config.steps(768, 512) for config in configs] == [200, 400, 200]
-
-
-def test_an_interrupted_reduced_refinement_ends_at_full_size():
-    session, sizes = large(40)
-    session.clock.stopped = lambda: bool(sizes) and sizes[-1][0] > GROWTH_SHARE
-    session.fit()
-    assert session.clock.stopped()
-    assert sizes[-1][1] > 1
-    assert session.population.reduction == 1
-    assert session.scene().mean.max() > 160
-
-
-def test_pauses_of_a_fit_add_up(monkeypatch):
-    now = itertools.count()  # a second for each look at the time
-    monkeypatch.setattr(time, "perf_counter", lambda: float(next(now)))
-    clock, busy = Clock(None, 1), Clock(None, 1)
-    begun = busy.elapsed_s - clock.elapsed_s
-    for _ in range(2):
-        with clock.paused():
-            time.perf_counter()
-    # Each pause had three looks, and two seconds between the first and the last of them.
-    assert begun - (busy.elapsed_s - clock.elapsed_s) == -4.0

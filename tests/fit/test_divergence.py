@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from flat import fit_config, session_of, vectorize
 
-from gauss2svg.fit.schedule import DivergenceGuard
 from gauss2svg.fit.session import fit
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
@@ -50,21 +49,3 @@ def test_worse_last_steps_are_rolled_back(photo, monkeypatch):
     seen: list[float] = []
     scene = fit(photo, fit_config(100, 60), progress=lambda now: seen.append(now.psnr)).scene
     assert psnr_of(scene, photo) > max(seen) - 0.02
-
-
-def test_guard_rolls_back_to_the_best_state_where_the_loss_rises_and_shows():
-    guard, copy = DivergenceGuard(), iter("abcdefgh").__next__
-    assert not guard.observe(np.inf, np.inf, copy)
-    assert guard.observe(1.0, 0.1, copy)
-    assert guard.observe(1.5, 0.15, copy)
-    for bad in (2.1, np.nan, np.inf):
-        assert not guard.observe(bad, 0.1 * bad, copy)
-    guard.roll_back()
-    assert (guard.best, guard.rollbacks) == ("a", 1)
-    assert guard.rate < 1
-    relocating, invisible = DivergenceGuard(), DivergenceGuard()
-    assert relocating.observe(1.0, 0.1, copy)
-    relocating.allow_rise()
-    assert relocating.observe(5.0, 0.5, copy)
-    assert invisible.observe(1e-9, 1e-10, copy)
-    assert invisible.observe(1e-6, 1e-7, copy)

@@ -10,8 +10,6 @@ from scenes import random_areas, random_scene
 from gauss2svg.errors import InputError
 from gauss2svg.fit import PSNR, FitOptions
 from gauss2svg.fit.placement import NewGaussians, place
-from gauss2svg.fit.population import LEAST_OPACITY
-from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import FitSession, convert_additive, fit
 from gauss2svg.fit.state import COLUMN_COUNT, FIRST_DECAY, State, columns_of, step
 from gauss2svg.fit.target import Target
@@ -19,7 +17,7 @@ from gauss2svg.measure import metrics
 from gauss2svg.photo.pixels import stacked
 from gauss2svg.render import render, render_rgba, tiles
 from gauss2svg.render.cpu import squared_error
-from gauss2svg.scene import BLENDS, Area, Outline, Scene
+from gauss2svg.scene import BLENDS, Scene
 from gauss2svg.scene.scene import STEPPED
 
 PLACEMENTS, SCHEDULES = choices("init"), choices("schedule")
@@ -90,20 +88,6 @@ def test_a_fit_above_areas_begins_at_their_error_and_stays_at_a_picture_of_them(
         assert after > (60 if target is picture else before + 3)
 
 
-@pytest.mark.parametrize("clear", [False, True])
-def test_what_renderers_would_not_draw_and_haze_over_what_is_clear_are_pruned(clear):
-    pixels = np.zeros((40, 60, 4), np.float32)
-    pixels[:, :30] = [1, 0, 0, 1]
-    mean = [[15, 20], [48, 20], [15, 20], [-500, 20]]
-    opacity, color = [0.9, 0.1, LEAST_OPACITY / 2, 0.9], [[1.0, 0, 0], *[[0, 1, 0]] * 3]
-    population = session_of(pixels if clear else pixels[:, :, :3], fit_config(4)).population
-    population.state = state_of(
-        Scene(60, 40, mean, np.full((4, 2), 5.0), np.zeros(4), color, opacity)
-    )
-    population.prune_invisible()
-    np.testing.assert_allclose(population.state.mean, mean[: 1 if clear else 2])
-
-
 def test_progress_reports_every_iteration_and_ends_with_none_left(photo):
     seen = []
     result = fit(photo, fit_config(64, 30), seen.append)
@@ -169,19 +153,6 @@ def placed(kind: str, picture, count: int, rendered=0.25, blend: str = "add") ->
     return place(kind, target, drawn, count, count, rng, additive=blend == "add")
 
 
-@pytest.mark.parametrize("has_ground", [False, True])
-def test_selective_ones_go_where_most_squared_error_or_above_areas_most_area_is(has_ground):
-    picture = np.zeros((40, 60, 3), np.float32)
-    picture[5:25, 5:35] = 0.3  # 600 px, of absolute error 540 and squared error 162
-    picture[28:38, 40:55] = 1.0  # 150 px, of absolute and squared error 450
-    box = Outline(((0, 0), (1, 0), (0, 1)), (False,) * 3)
-    ground = Scene(60, 40, areas=[Area((box,), (0.0, 0.0, 0.0))], background=np.zeros(3))
-    target = Target(picture, "psnr", ground=ground if has_ground else None)
-    rng = np.random.default_rng(0)
-    new = place("selective", target, np.zeros_like(target.planar), 1, 1, rng)
-    np.testing.assert_allclose(new.mean, [[20, 15] if has_ground else [47.5, 33]])
-
-
 def test_selective_ones_have_the_area_the_aspect_and_the_colour_of_the_error():
     picture = np.zeros((40, 60, 3))
     picture[10:20, 30:45, 1] = 0.75
@@ -230,15 +201,6 @@ def test_live_begins_on_the_largest_components_of_the_bins_as_the_paper_says():
 )
 def test_rounds_add_as_the_papers_schedules_do(schedule, gaussians, per_round, expected):
     assert fit_config(gaussians, 300, schedule=schedule, per_round=per_round).totals == expected
-
-
-def test_rounds_grow_on_a_reduced_target_to_the_count_and_rates_decay_to_a_fiftieth():
-    counts = totals("exponential", 5000, 300)
-    assert [reduction(n, 768, 512) for n in counts] == [8, 4, 4, 2, 2, 1]
-    assert counts[-1] == 5000
-    rates = [rate(i / 300) for i in range(300)]
-    assert (rates[0], rates[-1]) == (1, pytest.approx(0.02))
-    assert (np.diff(rates) <= 0).all()
 
 
 @pytest.mark.parametrize("iterations", [40, 60])

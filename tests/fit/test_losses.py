@@ -3,14 +3,10 @@
 import numpy as np
 import pytest
 from flat import choices, fit_config
-from scenes import random_scene
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.placement import place
-from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import fit
-from gauss2svg.fit.target import Target, image_gradient, structural_similarity
-from gauss2svg.render.cpu import moments_of_gradient, splats_of
+from gauss2svg.fit.target import Target, image_gradient
 
 
 def planes(height: int, width: int, dtype: type = np.float64, channels: int = 3):
@@ -21,18 +17,6 @@ def planes(height: int, width: int, dtype: type = np.float64, channels: int = 3)
     target = np.array(stripes)
     image = np.clip(target + rng.normal(0, 0.08, target.shape), 0, 1)
     return image.astype(dtype), target.astype(dtype)
-
-
-def test_ssim_is_that_of_scikit_image_inside(photo):
-    from skimage.metrics import structural_similarity as oracle
-
-    other = np.clip(photo + np.random.default_rng(0).normal(0, 0.1, photo.shape), 0, 1)
-    one, two = photo[:, :, 0].astype(np.float64), other[:, :, 0]
-    full = oracle(
-        one, two, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
-        full=True,
-    )[1]  # fmt: skip
-    assert structural_similarity(one, two)[0] == pytest.approx(full[5:-5, 5:-5].mean(), rel=1e-9)
 
 
 def own_loss(render, target):
@@ -60,22 +44,6 @@ def test_loss_gradient_is_that_of_finite_differences(loss, size, focused):
     assert np.linalg.norm(single - gradient) <= 1e-3 * np.linalg.norm(gradient)
 
 
-@pytest.mark.parametrize("loss", ["mse", own_loss])
-def test_squared_error_has_no_weights_but_the_default_has(loss):
-    _, planar = planes(30, 40)
-    scene, target = random_scene(40, 30, 9), Target(np.moveaxis(planar, 0, -1), "psnr")
-    splats = splats_of(scene)
-    evaluated = target.evaluate(splats, loss, None)
-    [image] = evaluated.rendered
-    assert evaluated.error == pytest.approx(np.mean((image - planar) ** 2))
-    moments = moments_of_gradient(splats, 2 * (image - planar))
-    scale = 0.5 if loss == "mse" else 1
-    np.testing.assert_allclose(evaluated.moments, scale * moments, rtol=1e-6, atol=1e-9)
-    assert not np.allclose(
-        target.evaluate(splats, "weighted", None).moments, 0.5 * moments, rtol=0.1
-    )
-
-
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
@@ -91,26 +59,6 @@ def test_a_function_that_is_no_loss_is_refused(answer, message):
         fit(pixels, fit_config(3, 5, loss=lambda render, target: answer))
 
 
-def chequered(height, width, contrast, cell=1) -> np.ndarray:
-    """Grey pixels (height, width, 3); with cells of 1 px their variance is contrast (width,)^2."""
-    y, x = np.mgrid[:height, :width] // cell
-    grey = 0.5 + (2 * ((x + y) % 2) - 1) * np.asarray(contrast)
-    return np.repeat(grey[:, :, None], 3, axis=2).astype(np.float32)
-
-
-def half_flat(cell=4) -> np.ndarray:
-    """Pixels (64, 64, 3), textured in the right half; psnr takes cells of 1 px for flat as well."""
-    return chequered(64, 64, np.where(np.arange(64) < 32, 0.0, 0.4), cell)
-
-
-def population(pixels, scene=None, **given) -> Population:
-    """That of a fit to pixels, with the Gaussians of a scene."""
-    found = Population(Target(pixels, given.get("tune", "perceptual")), fit_config(40, **given))
-    if scene is not None:
-        found.adopt(scene)
-    return found
-
-
 def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
     noise = np.random.default_rng(0).normal(0, 1, (1, 60, 360))
     contrast = np.repeat([0.0, 0.02, 0.06, 0.12, 0.5, 1.0], 60)
@@ -123,32 +71,3 @@ def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
     # far above the threshold it is inversely proportional to the contrast
     assert means[2] / means[3] == pytest.approx(2, rel=0.2)
     assert means[5] == pytest.approx(means[4], rel=0.01)
-
-
-@pytest.mark.parametrize("tune", ["perceptual", "psnr"])
-def test_new_gaussians_go_where_an_error_shows(tune):
-    target = Target(half_flat(), tune)
-    new = place("error", target, target.planar + 0.1, 1000, 1000, np.random.default_rng(0))
-    weight = target.weight if tune == "perceptual" else np.ones((64, 64))
-    on_flat = (new.mean[:, 0] < 32).mean()
-    assert on_flat == pytest.approx(weight[:, :32].sum() / weight.sum(), abs=0.02)
-
-
-@pytest.mark.parametrize("tune", ["perceptual", "psnr"])
-def test_gaussians_are_pruned_by_the_decibels_of_the_weighted_error(tune):
-    scene = random_scene(40, 64, 64, seed=2)
-    fitted = population(half_flat(), scene, tune=tune)
-    target, whole = fitted.target, fitted.state.copy()
-
-    def squares(state) -> float:
-        difference = target.rendered(state.splats(fitted.background, "over")) - target.planar
-        return float(np.sum(np.square(difference, dtype=np.float64) * target.weight))
-
-    before = squares(whole)
-    each = [squares(whole.select(np.arange(40) != i)) for i in range(40)]
-    gains = 10 * np.log10(np.array(each) / before)
-    positive = np.sort(gains[gains > 0])
-    least = float(positive[len(positive) // 2 - 1 : len(positive) // 2 + 1].mean())
-    fitted.prune(least)
-    np.testing.assert_array_equal(fitted.state.mean, whole.mean[gains > least])
-    assert 0 < len(fitted) < 40

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from gauss2svg.measure.roundtrip import drawn_pixels, paint_ms, shown_width
+from gauss2svg.measure.roundtrip import drawn_pixels, paint_ms
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
-from gauss2svg.svg import Document
 
 
 def one(mean, sigma=(4.0, 2.0), copies=1, **given):
@@ -42,13 +41,3 @@ def test_cost_grows_with_shapes_pixels_and_masks():
     half = cost(one((50, 40)), '<svg><style/><mask/><use href="#a"/><circle r="1"/></svg>')
     assert masks > once
     assert half == pytest.approx((once + masks) / 2)  # of the shapes one is under a mask
-
-
-def test_an_estimate_is_for_the_width_that_the_file_says_or_1600_px():
-    scene = one((2000, 1500)).replace(width=4032, height=3024)
-    assert shown_width(Document(), scene) == 1600
-    assert shown_width(Document(size="responsive"), scene) == 1600
-    assert shown_width(Document(), one((50, 40))) == 100
-    assert shown_width(Document(size="96mm"), scene) == pytest.approx(96 / 25.4 * 96)
-    wide, own, none = (cost(scene, width=width) for width in (2 * 4032, 4032, 1e-9))
-    assert wide - none == pytest.approx(4 * (own - none))

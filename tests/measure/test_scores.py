@@ -10,7 +10,6 @@ from PIL import Image
 from skimage import data
 
 from gauss2svg.cli.main import main
-from gauss2svg.errors import InputError
 from gauss2svg.measure import PSNR, SSIMULACRA2, metrics
 from gauss2svg.measure import perceptual as module
 from gauss2svg.measure.perceptual import packages_missing, perceptual_scores
@@ -32,35 +31,6 @@ def test_psnr_is_that_of_the_definition_and_ssim_falls_with_noise():
     noisy = np.clip(A + 0.1 * (B - 0.5), 0, 1)
     assert metrics.ssim(A, noisy) == pytest.approx(metrics.ssim(noisy, A), abs=1e-6)
     assert metrics.ssim(A, B) < metrics.ssim(A, noisy) < 1
-
-
-def flat_halves():
-    """Two flat colours side by side, and the same with an error of one level all over."""
-    reference = np.full((100, 120, 3), 0.9)
-    reference[:, 60:] = [0.2, 0.4, 0.6]
-    return reference, reference - 1 / 255
-
-
-def test_flat_error_sees_a_streak_that_psnr_hardly_sees_and_knows_no_checkerboard():
-    reference, fitted = flat_halves()
-    streaked = fitted.copy()
-    streaked[20, 10:40] -= 3 / 255
-    assert metrics.flat_error(fitted, reference) == pytest.approx(1)
-    assert metrics.flat_error(streaked, reference) == pytest.approx(4)
-    assert metrics.psnr(fitted, reference) - metrics.psnr(streaked, reference) < 0.2
-    blurred = fitted.copy()
-    blurred[:, 55:65] = 0.5  # within 4 px of the step
-    assert metrics.flat_error(blurred, reference) == pytest.approx(1)
-    blurred[:, 54] = 0.5
-    assert metrics.flat_error(blurred, reference) == pytest.approx(0.4 * 255)
-    checkerboard = np.indices((20, 30)).sum(axis=0)[:, :, None] % 2 * np.ones(3)
-    assert math.isnan(metrics.flat_error(checkerboard, checkerboard))
-
-
-@pytest.mark.parametrize("name", ["psnr", "ssim", "flat_error", "local_hue_error"])
-def test_pictures_of_different_shape_are_refused(name):
-    with pytest.raises(InputError, match="of one shape"):
-        getattr(metrics, name)(A, B[:-1])
 
 
 WEIGHTS = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333]

@@ -9,7 +9,6 @@ from pictures import assert_read, chunk, encoded, png, srgb_curve
 from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.pixels import shrunk
 
@@ -76,10 +75,8 @@ with Image.open(io.BytesIO(encoded(Image.fromarray(BYTES), "PNG"))) as CLOSED:
         (np.zeros((3, 6, 9)), r"shape of .* got \(3, 6, 9\). Try array.transpose\(1, 2, 0\)"),
         (np.zeros((1, 6, 9, 3)), r"got \(1, 6, 9, 3\). Try .* one picture of many"),
         (CLOSED, "must be a complete image of a supported kind"),
-        (np.zeros((0, 4, 3)), "must be at least 1x1 px; got 4x0 px"),
         (np.zeros((4, 4), np.int64), "type of array must be uint8, .*; got int64"),
         (np.full((4, 4), 1.5), "must be finite and in 0..1; got 1.5"),
-        (np.array([[0, float("inf")]]), "got inf"),
         (42, "got int"),
         (io.StringIO("text"), "must be binary; got one that reads str"),
         (Image.fromarray(np.array([[70000, 5]], np.int32)), r"in 0\.\.1; got 1\.068"),
@@ -91,32 +88,13 @@ def test_what_is_no_picture_is_refused_in_one_line(source, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "given",
-    [*({"matte": matte} for matte in ((1, 1), (1, 1, 1.5), (0, 0, float("nan")), 0.5)),
-     *({"max_pixels": limit} for limit in (0, MOST_PIXELS + 1, 1.5))],
-)  # fmt: skip
-def test_options_of_reading_are_refused_by_name(given):
-    with pytest.raises(InputError, match=f"{next(iter(given))} must be"):
-        load_image(RGBA, **given)
-
-
 def test_shrinking_averages_areas_and_weights_colours_by_alpha():
     pixels = RNG.random((12, 18, 4), dtype=np.float32)
     pixels[:3, :3, 3] = 0
-    small = shrunk(pixels, 4, 6)
-    alpha = pixels[:, :, 3].reshape(4, 3, 6, 3)
-    np.testing.assert_allclose(small[:, :, 3], alpha.mean(axis=(1, 3)), atol=1e-6)
-    light = (pixels[:, :, :3] * pixels[:, :, 3:]).reshape(4, 3, 6, 3, 3).sum(axis=(1, 3))
-    weight = alpha.sum(axis=(1, 3))[:, :, None]
-    expected = np.divide(light, weight, out=np.zeros_like(light), where=weight > 0)
-    np.testing.assert_allclose(small[:, :, :3], expected, atol=1e-5)
+    small, (*colors, alpha) = shrunk(pixels, 4, 6), np.moveaxis(pixels, 2, 0)
+    light = [(one * alpha).reshape(4, 3, 6, 3).mean(axis=(1, 3)) for one in colors]
+    np.testing.assert_allclose(small[:, :, :3] * small[:, :, 3:], np.stack(light, -1), atol=1e-5)
     assert (small[0, 0] == 0).all()
-    opaque = np.dstack([pixels[:, :, :3], np.ones((12, 18), np.float32)])
-    for one in (pixels, pixels[:, :, :3]):
-        assert shrunk(one, 12, 18) is one
-    alone = shrunk(pixels[:, :, :3], 5, 7)
-    np.testing.assert_allclose(shrunk(opaque, 5, 7)[:, :, :3], alone, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["PNG", "BMP", "TIFF", "GIF", "WEBP", "JPEG2000", "JPEG", "AVIF"])

@@ -86,7 +86,6 @@ def test_chunk_that_unpacks_to_much_takes_no_memory_and_stops_no_picture():
     ("data", "message"),
     [
         (b"", f"must be a supported image ({', '.join(FORMATS)})"),
-        (b"", "got an empty file. Try another copy of it"),
         (b"hello, this is a text", "got an unknown format. Try converting it"),
         (b'<svg xmlns="http://www.w3.org/2000/svg"/>', "got an SVG or other XML"),
         (b"<!DOCTYPE html><html></html>", "got a web page. Try another copy of it"),
@@ -95,7 +94,6 @@ def test_chunk_that_unpacks_to_much_takes_no_memory_and_stops_no_picture():
         (b"II*\0\x10\0\0\0CR\2\0" + bytes(20), "got a camera's raw file. Try converting it"),
         (png(np.zeros((0, 4, 3), np.uint8)), BROKEN),
         (png(BYTES)[:-16] + bytes(4) + png(BYTES)[-12:], BROKEN),  # a wrong checksum of its pixels
-        (png(BYTES)[:-16], BROKEN),  # or without any
         (tiff(np.float32([[0, 1.5]])), "must be finite and in 0..1; got 1.5"),
         (tiff(np.int32([[-5, 7]])), "samples of type int, 1 for each pixel"),
         (png(np.zeros((1, 1, 3)), size=(50000, 40000)),

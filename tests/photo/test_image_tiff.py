@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 from pictures import assert_read, tiff
 
-from gauss2svg.errors import InputError
-from gauss2svg.photo.load import load_image
-
 NAIVE = (
     "CMYK without a usable ICC profile; converted by the naive formula, whose colours may be too "
     "vivid"
@@ -62,21 +59,3 @@ def test_samples_are_those_that_were_stored(kind, type_name, layout):
         alpha = None if extra in (None, "unspecified") else values[:, :, -1]
         notes = (NAIVE,) if photometric == "separated" else ()
         assert_read(file, color, notes, 6 / levels, alpha)
-
-
-GREY = np.full((8, 8), 0.5)
-INTS = np.uint8(GREY)
-UNREAD = {
-    "numbers with signs": tiff((GREY * 8).astype(np.int16), photometric="minisblack"),
-    "a preview": tiff(INTS, photometric="minisblack", subfiletype=1),
-    "a camera's raw file": tiff(
-        INTS, photometric="minisblack", extratags=[(50706, "B", 4, b"\1\4\0\0", True)]
-    ),
-}
-
-
-@pytest.mark.parametrize("kind", UNREAD)
-def test_what_is_not_read_is_refused_in_one_line(kind):
-    with pytest.raises(InputError, match="must be a complete image of a supported kind") as refusal:
-        load_image(UNREAD[kind])
-    assert "\n" not in str(refusal.value)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flat import vectorize
+from outlines import box
 from PIL import Image
 from skimage import data
 
@@ -18,7 +19,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize
-from gauss2svg.scene.areas import Area, Outline
+from gauss2svg.scene.areas import Area
 
 NAMES = ("astronaut", "coffee")
 PART = 0, 0, 320, 240  # px of the picture
@@ -79,9 +80,7 @@ def test_a_mask_is_read_like_a_photo(tmp_path):
     ("mask", "line"),
     [
         (MASK.T, r"focus must be a mask of the photo's proportions, 64x48; got 48x64 px. Try the"),
-        (MASK[:, :-2], "proportions, 64x48; got 62x48 px"),
         (np.zeros((48, 64)), "focus must be a mask with white .*; got greys from 0 to 0 of"),
-        (np.ones((48, 64)), "got greys from 255 to 255 of 255"),
         (7, "focus must be a picture, but photo must be a path, .*; got int"),
         (np.full((48, 64), 2.0), "focus must be a picture, but samples of array .*0..1"),
         (b"rubbish", "focus must be a picture, but .* got an unknown format"),
@@ -109,19 +108,6 @@ def test_it_is_never_worse_than_the_file_that_it_starts_with(goal):
         assert again.report["svg_bytes"] <= goal.get("max_bytes", np.inf)
 
 
-@pytest.mark.parametrize("count", [25, pytest.param(150, marks=pytest.mark.sweep)])
-def test_shapes_are_added_or_removed_until_there_are_as_many_as_asked_for(count):
-    psnrs = []
-    for name in NAMES:
-        given = {"gaussians": count, "iterations": 60}
-        start = vectorize(small(name, PART), gaussians=60, iterations=60).scene
-        results = [vectorize(small(name, PART), **given, start=one) for one in (None, start)]
-        assert 0.97 * count <= results[1].report["gaussians"] <= count
-        psnrs.append([result.report["psnr_svg"] for result in results])
-    new, again = np.mean(psnrs, axis=0)
-    assert again > new - 0.4
-
-
 def test_shapes_are_scaled_to_the_photo_and_a_target_gets_more_of_them():
     photo = small("coffee", PART)
     start = vectorize(photo[::2, ::2], gaussians=40).scene
@@ -132,18 +118,6 @@ def test_shapes_are_scaled_to_the_photo_and_a_target_gets_more_of_them():
     grown = vectorize(photo, target_psnr=kept["psnr_svg"] + 2, start=start).report
     assert grown["psnr_svg"] > kept["psnr_svg"] + 1.9
     assert grown["gaussians"] > 40
-
-
-@pytest.mark.parametrize(("shape", "channels"), [((1, 1), 4), ((1, 40), 3)])
-def test_any_scene_is_a_start_for_any_photo(shape, channels):
-    photo = np.random.default_rng(0).random((*shape, channels))
-    photo[..., 3:] = 0
-    empty = Scene(30, 20)
-    off = Scene(
-        9, 9, mean=[[-50, 1e6]], sigma=[[1, 1e5]], rho=[0.5], color=[[1, 0, 1]], opacity=[0]
-    )
-    for start in (empty, off):
-        assert np.isfinite(vectorize(photo, gaussians=3, start=start).raster).all()
 
 
 def test_the_command_starts_with_a_scene_or_with_an_svg(tmp_path, photo, refusal):
@@ -193,7 +167,7 @@ def test_a_drawing_of_another_program_is_refined_to_the_photo(tmp_path, refusal)
 
 
 def test_a_start_must_not_need_more_memory_than_there_may_be():
-    page = Outline(((0, 0), (9, 0), (9, 9), (0, 9)), (False,) * 4)
+    page = box(0, 0, 9, 9)
     many = Scene(9, 9, areas=tuple(Area((page,), (k % 2, 0, 0)) for k in range(5000)))
     with pytest.raises(InputError, match=r"start must be of areas whose boxes have .* --max-size"):
         vectorize(np.zeros((150, 150, 3)), start=many, areas="always")

@@ -1,24 +1,16 @@
 """Limits of bytes and seconds: budgets, the counts that limits allow, and the fits that follow."""
 
-import dataclasses
 import gzip
-import itertools
-import math
 import time
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from flat import fit_config, session_of, vectorize
+from flat import vectorize
 from pictures import smile
 from skimage import data
 
-from gauss2svg.fit.session import FitSession, Snapshot
-from gauss2svg.pipeline.by_count import ByCount
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.outcome import Subject
-from gauss2svg.pipeline.plan import PRESETS, USUAL_BYTES, Plan
-from gauss2svg.pipeline.run import Run, TimeBudget, pixels_within
+from gauss2svg.fit.session import FitSession
 
 DECIDED_BY_8_BITS = 50.0  # dB, from which the rounding of renderers decides: decisions/monotone.md
 
@@ -73,17 +65,6 @@ def test_a_limit_of_gzipped_bytes_is_on_what_travels(photo):
     assert result.report["psnr_svg"] > vectorize(photo, **given).report["psnr_svg"] + 1
 
 
-def test_more_seconds_never_allow_fewer_gaussians_however_large_the_photo(monkeypatch):
-    monkeypatch.setattr(time, "perf_counter", lambda: 0.0)
-    for width, height in ((768, 512), (4000, 3000), (8000, 6000)):
-        counts = []
-        for limit in (1, 2, 3, 4, 6, 10, 20, 30, 60):
-            pixels = int(min(pixels_within(limit), width * height))
-            counts.append(TimeBudget(limit, pixels, pixels).most_gaussians(0.0))
-        assert counts == sorted(counts), width
-        assert counts[4] > 2000
-
-
 def test_a_small_file_within_seconds_has_shapes_and_is_not_interrupted(photo, work_clock):
     report = vectorize(np.tile(photo, (8, 8, 1)), max_bytes=5000, time_limit=0.1).report
     assert report["stop_reason"] == "time_limit"
@@ -91,74 +72,11 @@ def test_a_small_file_within_seconds_has_shapes_and_is_not_interrupted(photo, wo
     assert report["svg_bytes"] <= 5000
 
 
-KILOBYTES = USUAL_BYTES / 1000
-BYTES = 1.25 * 10_000 / USUAL_BYTES  # shapes that fill 10 000 bytes while growing
-
-
-def limits_by(plan: Plan) -> ByCount:
-    """The limits of a plan, on a picture that is large enough for any count."""
-    large = np.broadcast_to(np.float32(0), (30_000, 30_000, 3))
-    return ByCount(plan, Subject(large, large, (1, 1)), Run())
-
-
-def limits_of(gain=0.0, enough=math.inf, cap=10**6, **options) -> ByCount:
-    """The limits of a preset of these numbers."""
-    plan = Plan(Options.from_flat(options))
-    preset = dataclasses.replace(PRESETS["balanced"], gain=gain, stop_psnr=enough, cap=cap)
-    vars(plan)["preset"] = preset  # where a cached property keeps it
-    return limits_by(plan)
-
-
-def grown(psnr_at, policy):
-    """Counts and stop reason of a growth whose PSNR is a function of the count."""
-    counts = [0]
-    while True:
-        count = counts[-1]
-        total = policy.grow(Snapshot(count, 0.1, lambda c=count: psnr_at(c), lambda: None))
-        if total <= count:
-            return counts[1:] + ([total] if total < count else []), policy.stop_reason
-        counts.append(total)
-
-
-def power_law(slope, start=10.0):
-    """A doubling gains `slope` dB: an ideal scene that converges at once."""
-    return lambda count: start + slope * math.log2(count) if count else start - slope
-
-
-@pytest.mark.parametrize(
-    ("limits", "least", "most", "reason"),
-    [
-        ({"enough": 15.0}, 0.85 * 2**5, 1.15 * 2**5, "enough"),
-        ({"cap": 1000}, 1000, 1000, "cap"),
-        ({"cap": 1000, "gaussians": 100}, 100, 100, "gaussians"),
-        ({"max_bytes": 10_000}, 0.9 * BYTES, BYTES, "max_bytes"),
-    ],
-)
-def test_growth_at_most_doubles_and_stops_at_its_limit(limits, least, most, reason):
-    counts, stopped_by = grown(power_law(3.0, 0.0), limits_of(**limits))
-    assert stopped_by == reason
-    assert least <= counts[-1] <= most
-    assert counts[0] == 8
-    assert all(a < b <= 2 * a for a, b in itertools.pairwise(counts))
-
-
-FEW_BYTES = {"max_bytes": 10**5, "markup": "editable"}
-
-
-def fitted(pixels, limits, iterations=60) -> FitSession:
-    session = session_of(pixels, fit_config(0, iterations), limits)
-    session.fit()
-    return session
-
-
 def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
-    preset = PRESETS["balanced"]
     flat = np.full((64, 96, 3), 0.4, np.float32)
     ramp = np.float32(np.linspace(0.2, 0.8, 96)[None, :, None] * [1.0, 0.8, 0.4] + 0 * flat)
-    noise = np.random.default_rng(0).random((64, 96, 3)).astype(np.float32)
-    numbers = preset.gain, preset.stop_psnr, preset.cap
-    counts = [len(fitted(p, limits_of(*numbers), 100).state) for p in (flat, ramp, photo)]
+    given = {"areas": "never", "iterations": 100}
+    counts = [vectorize(p, **given).report["gaussians"] for p in (flat, ramp, photo)]
     assert counts[0] == 0
     assert 1 <= counts[1] <= 30
     assert counts[2] > 300
-    assert len(fitted(noise, limits_of(0.5, 36.0, 2000)).state) < 10

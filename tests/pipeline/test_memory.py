@@ -9,8 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 from flat import vectorize
-from hypothesis import given
-from hypothesis import strategies as st
 from pictures import encoded
 from PIL import Image
 
@@ -19,60 +17,9 @@ from gauss2svg.files import as_png
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.run import Load, free_bytes, load_of, size_that_fits
+from gauss2svg.pipeline.run import free_bytes, load_of
 
-SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
-LOADS = st.builds(
-    lambda w, h, share, alpha, **given: Load(
-        Plan(Options.from_flat(given)),
-        Header(w, h, alpha),
-        (max(1, int(w * share)), max(1, int(h * share))),
-    ),
-    SIDES, SIDES, st.floats(0, 1), st.booleans(), gaussians=COUNTS,
-    loss=st.sampled_from(["mse", "l1+ssim"]), blend=st.sampled_from(["over", "add"]),
-    full_size=st.booleans(),
-)  # fmt: skip
-# The sides at which a large photo is measured are rounded to pixels, also downwards.
-ROUNDED = 0.98
 QUICK = {"gaussians": 3, "iterations": 2}
-
-
-@given(LOADS)
-def test_more_of_anything_takes_no_less(load):
-    (width, height), header = load.fit, load.photo
-    least = ROUNDED * load.bytes
-    assert replace(load, fit=(width + 1, height)).bytes >= least
-    assert replace(load, fit=(width, height + 1)).bytes >= least
-    for more in ({"width": header.width + 1}, {"height": header.height + 1}, {"has_alpha": True}):
-        assert replace(load, photo=replace(header, **more)).bytes >= least
-    for less, more in (
-        ({"gaussians": 7}, {"gaussians": 8}),
-        ({"loss": "mse"}, {"loss": "mse+ssim"}),
-        ({"blend": "over"}, {"blend": "add"}),
-        ({"inks": None, "blend": "over"}, {"inks": "#000,#fff", "blend": "over"}),
-    ):
-        few, many = (Plan(load.plan.options.changed(**given)) for given in (less, more))
-        assert replace(load, plan=many).bytes >= replace(load, plan=few).bytes
-
-
-@given(LOADS, st.integers(10**8, 10**11))
-def test_size_is_the_largest_that_fits(load, limit):
-    try:
-        found, note = size_that_fits(load, limit, asked=False)
-    except InputError:
-        assert replace(load, fit=(1, 1)).bytes > limit
-        return
-    width, height = found.fit
-    assert found == replace(load, fit=(width, height))
-    assert found.bytes <= limit
-    assert (note is None) == (load.bytes <= limit) == (found == load)
-    if note is not None:
-        assert f"{width}x{height} px to stay under {limit / 1e6:.0f} MB" in note
-        share = max((width + 2) / load.fit[0], (height + 2) / load.fit[1])
-        larger = [min(int(share * side) + 2, side) for side in load.fit]
-        assert replace(load, fit=(larger[0], larger[1])).bytes > limit
-        with pytest.raises(InputError, match="Try a smaller --max-size, or a larger --max-memory"):
-            size_that_fits(load, limit, asked=True)
 
 
 @pytest.mark.process

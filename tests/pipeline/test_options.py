@@ -17,7 +17,6 @@ from gauss2svg.pipeline.options import GROUPS, Goal, Options, SvgOptions
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.svg import SvgFormat
 
-FIELDS = [field for group in GROUPS.values() for field in fields_of(group)]
 ALL_GROUPS = [*GROUPS.values(), BatchOptions, GalleryOptions, SvgFormat]
 ALL_FIELDS = [
     pytest.param(group, field, id=f"{group.__name__}.{field.name}")

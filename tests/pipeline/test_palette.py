@@ -2,37 +2,15 @@
 
 import numpy as np
 import pytest
+from outlines import box
 from scenes import random_scene, random_sum
 
 from gauss2svg.areas.find import FoundAreas
 from gauss2svg.measure.metrics import local_hue_error, psnr
 from gauss2svg.pipeline.found import with_shared_colors
-from gauss2svg.pipeline.palette import LARGEST_CHANGE, best_palette, quantize
+from gauss2svg.pipeline.palette import LARGEST_CHANGE, quantize
 from gauss2svg.render import render
-from gauss2svg.scene import Scene
-from gauss2svg.scene.areas import Area, Outline
-
-
-def test_a_palette_serves_what_shows_within_its_size_and_the_error_allowed():
-    rng = np.random.default_rng(4)
-    color, beta = rng.random((2000, 3)), np.ones(2000)
-
-    def missed(weight, count, allowed=0.0):
-        shades = best_palette(color, beta, weight, count, allowed)
-        entries = len(np.unique(np.column_stack(shades), axis=0))
-        assert entries <= count
-        return np.sum((shades[0] - color) ** 2, axis=1), entries
-
-    seen = np.where(np.arange(2000) < 300, 1000.0, 0.1)
-    assert missed(seen, 64)[0][:300].sum() < 0.8 * missed(beta, 64)[0][:300].sum()
-    weight, counts = rng.random(2000) + 0.1, []
-    for allowed in (20.0, 2.0, 0.5):
-        squared, count = missed(weight, 2000, allowed)
-        assert 0.6 * allowed < weight @ squared <= allowed
-        counts.append(count)
-    assert counts == sorted(counts)
-    assert missed(weight, 50, 0.5)[1] <= 50
-    assert missed(weight, 2000, 1e-9)[1] == len(np.unique(np.round(color * 255), axis=0))
+from gauss2svg.scene import Area, Scene
 
 
 @pytest.mark.parametrize("given", [{"color_error": 8e-4}, {"palette": 8}])
@@ -77,16 +55,10 @@ def test_a_palette_has_the_colours_that_weigh_most(make):
 
 @pytest.mark.parametrize("is_noisy", [False, True])
 def test_nearly_equal_colors_become_that_of_the_larger_area(is_noisy):
-    def area(side, level):
-        ring = Outline(((0, 0), (side, 0), (side, side), (0, side)), (False,) * 4)
-        return Area((ring,), (level / 255, 0.5, 0.5))
-
     levels = {30: 100.0, 6: 115.0, 28: 108.0, 29: 101.0, 5: 200.0}
-    areas = tuple(area(side, level) for side, level in levels.items())
+    paints = {side: (level / 255, 0.5, 0.5) for side, level in levels.items()}
+    areas = tuple(Area((box(0, 0, side, side),), paint) for side, paint in paints.items())
     found = FoundAreas(areas, (100.9 / 255, 0.5, 0.5), 1.0, 40.0, 0.0, 0.0)
-    shared = with_shared_colors(found, is_noisy)
-    assert shared.background == found.background
-    reds = [round(255 * one.paint[0], 6) for one in shared.areas]
+    reds = [round(255 * a.paint[0], 6) for a in with_shared_colors(found, is_noisy).areas]
     # 7 levels are little for 36 px of a picture with noise, but not for 784 px.
     assert reds == [100.9, 108 if is_noisy else 115, 108, 100.9, 200]
-    assert with_shared_colors(shared, is_noisy) == shared

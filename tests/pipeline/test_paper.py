@@ -125,9 +125,7 @@ SPOTS = np.where(np.hypot(X - 0.5, Y - 0.4) < 0.15, [0.4, 1.0, 0.5], 1.0)
 COFFEE = np.asarray(Image.fromarray(data.coffee()).resize((WIDTH, HEIGHT)), np.float32) / 255
 OTHERS = {
     "drawn": in_8_bits(lines()),
-    "drawn, as JPEG": in_8_bits(lines(), 75),
     "drawn on a gradient": in_8_bits(lines() * (0.7 + 0.15 * X + 0.2 * Y)),
-    "drawn on a gradient, as JPEG": in_8_bits(lines() * (0.7 + 0.15 * X + 0.2 * Y), 85),
     "with a coloured area": on_paper(lines() * SPOTS),
     "in two colours": on_paper(np.where(X < 0.5, lines("#a00"), lines("#00a"))),
     "out of focus": ndimage.gaussian_filter(SKETCH, (4, 4, 0)),

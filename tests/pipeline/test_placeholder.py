@@ -119,13 +119,3 @@ def test_a_large_photo_has_the_placeholder_of_its_reduction_at_its_own_size():
     np.testing.assert_allclose(ImageColor.getrgb(found.color), mean, atol=9)  # short, as #8a7
     small = large[5::10, 5::10]
     assert np.mean((rasterize(found.svg, 90, 60) - small) ** 2) < 0.25 * small.var()
-
-
-def test_the_colour_is_the_mean_of_what_is_seen(picture):
-    alpha = (picture[:, :, 1] > 0.5) * 1.0
-    pixels = np.float32(np.dstack([picture, alpha]))
-    found = Placeholder.of("<svg/>", gauss2svg.Scene(36, 24), (36, 24), pixels)
-    seen = picture[alpha > 0].mean(axis=0) * 255
-    np.testing.assert_allclose(ImageColor.getrgb(found.color), seen, atol=9)
-    assert np.abs(seen - picture.mean(axis=(0, 1)) * 255).max() > 30
-    assert found.transparent

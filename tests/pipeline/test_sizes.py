@@ -3,25 +3,18 @@
 Large begins at 10 000 px here, in place of a megapixel.
 """
 
-import math
 import tracemalloc
 
 import numpy as np
 import pytest
 from flat import vectorize
-from hypothesis import given
-from hypothesis import strategies as st
 from pictures import encoded
 from PIL import Image
 
 from gauss2svg.measure.check import check
 from gauss2svg.photo.load import load_image
-from gauss2svg.photo.pixels import Header
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.run import MEASURED_PIXELS, load_of, measured_size
+from gauss2svg.pipeline.run import measured_size
 
-SIDES = st.integers(1, 20_000)
 LARGE = 10_000
 SMALL = {"quality": "draft", "gaussians": 40, "iterations": 20, "max_size": 60}
 
@@ -49,34 +42,6 @@ def jpeg(width, height, **options):
 @pytest.fixture(scope="module")
 def large():
     return jpeg(180, 120)
-
-
-@given(SIDES, SIDES, st.floats(0, 1))
-def test_measured_size_is_that_of_the_fit_or_a_megapixel_or_the_photo(width, height, share):
-    photo = width, height
-    fit = max(1, round(share * width)), max(1, round(share * height))
-    found = measured_size(photo, fit)
-    if fit[0] * fit[1] >= MEASURED_PIXELS:
-        assert found == fit
-    elif width * height <= MEASURED_PIXELS:
-        assert found == photo
-    else:
-        assert abs(math.prod(found) - MEASURED_PIXELS) <= 2 * max(found)
-        assert abs(found[0] * height - found[1] * width) <= max(photo)
-    assert all(least <= side <= most for least, side, most in zip(fit, found, photo, strict=True))
-
-
-@given(SIDES, SIDES)
-def test_a_preset_bounds_the_pixels_of_a_strip_and_the_longest_side_of_other_photos(width, height):
-    load = load_of(Plan(Options()), Header(width, height, False))
-    side, longest, pixels = load.plan.preset.max_size, max(width, height), math.prod(load.fit)
-    if 3 * min(width, height) >= 2 * longest:
-        assert max(load.fit) == min(longest, side)
-    elif width * height <= 2 / 3 * side**2:
-        assert load.fit == (width, height)
-    else:
-        assert pixels == pytest.approx(2 / 3 * side**2, abs=max(load.fit))
-    assert load_of(Plan(Options().changed(max_size=9)), Header(width, height, False)).fit <= (9, 9)
 
 
 @pytest.mark.parametrize("limit", [{}, {"max_bytes": 5000}])

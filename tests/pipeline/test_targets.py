@@ -13,11 +13,8 @@ from gauss2svg.measure import metrics
 from gauss2svg.measure.perceptual import ssimulacra2
 from gauss2svg.pipeline import plan
 from gauss2svg.pipeline.by_count import ENOUGH
-from gauss2svg.pipeline.options import Goal, Options
-from gauss2svg.pipeline.outcome import Exporter, Subject
+from gauss2svg.pipeline.options import Goal
 from gauss2svg.raster import rasterize, rasterize_like
-from gauss2svg.render import render
-from gauss2svg.scene import Scene
 
 QUICK = {"iterations": 80}
 
@@ -155,21 +152,6 @@ def test_better_qualities_are_more_accurate_and_larger(photo):
     drawn = [vectorize(smile(48), quality=q).report for q in ("draft", "fast", "balanced")]
     values = [report["psnr_svg"] for report in drawn]
     assert values == sorted(values)
-
-
-def test_a_pruned_file_keeps_the_most_useful_gaussians():
-    rng = np.random.default_rng(3)
-    scene = Scene(
-        96, 64, rng.uniform(0, 64, (80, 2)), rng.uniform(2, 9, (80, 2)), np.zeros(80),
-        rng.random((80, 3)), np.ones(80),
-    )  # fmt: skip
-    photo = render(scene)
-    exporter = Exporter(plan.Plan(Options()), Subject(photo, photo, (96, 64)))
-    export = exporter.unscored(scene)
-    less = exporter.pruned(export, export.size // 2)
-    first = scene.select(np.arange(len(less.scene)))
-    assert 0.4 * export.size < less.size <= 0.5 * export.size
-    assert metrics.psnr(render(less.scene), photo) > metrics.psnr(render(first), photo)
 
 
 @pytest.fixture(scope="module")

@@ -181,7 +181,6 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
 @pytest.mark.parametrize(
     ("inside", "refused"),
     [
-        (BLUR.format("6,0,0,3,20,15"), {"cairo"}),
         (BLUR.format("6 3 0 4 20 15"), TURNING),
         ('><g style="mix-blend-mode:normal;filter:none"/>', set()),
         ('><style>.a { mix-blend-mode : difference }</style><g class="a"/>', {"cairo"}),
@@ -191,11 +190,6 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
         (' xmlns:x="http://www.w3.org/1999/xlink"><g id="a"/><use x:href="#a"/>', set()),
         ("><title>No filter: raw photo, blur(2px); mix-blend-mode:screen</title>", set()),
         ("><style>@media (prefers-reduced-motion){g{animation:a 1s}}</style>", BROWSERS),
-        (
-            "><style>@media (prefers-reduced-motion:no-preference){g{animation:a 1s} g{x:y}}"
-            "g{animation:none}</style>",
-            set(),
-        ),
         ('><g><set attributeName="x" to="1"/></g>', BROWSERS),
         ('><mask id="m"><circle/></mask>', {"cairo"}),
         (write_svg(random_scene(20, 40, 30)).partition("<svg")[2].removesuffix("</svg>\n"), set()),

@@ -5,12 +5,11 @@ import pytest
 from both_renderers import in_both
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import quad
 
 from gauss2svg.render.cpu import render_planar, splats_of, squared_error
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import PLAIN, Scene
-from gauss2svg.scene.falloff import coverage, covered_radius, cut_radius, profile
+from gauss2svg.scene.falloff import coverage, covered_radius
 
 WIDTH, HEIGHT = 45, 34
 OFF = {np.float32: 2e-6, np.float64: 1e-13}
@@ -96,13 +95,3 @@ def test_gradient_is_that_of_differences(dtype):
                 both.append(loss(**{name: moved}))
             expected = (both[0] - both[1]) / 2e-6
             assert gradient[place] == pytest.approx(expected, abs=2e-3 * np.abs(gradient).max())
-
-
-@pytest.mark.parametrize("beta", [0.5, 0.505, 1.0, 3.0, 256.0])
-def test_a_plain_ellipse_has_the_integral_of_its_profile(beta):
-    def at(r):
-        return 2 * np.pi * r * float(profile(np.float64(r), beta))
-
-    rim = [2**0.5 * 0.99] if beta > 3 else None
-    exact = quad(at, 0, float(cut_radius(beta)), points=rim, epsabs=1e-13, epsrel=1e-13, limit=500)
-    assert np.pi * covered_radius(np.array([beta]))[0] ** 2 == pytest.approx(exact[0], rel=1e-11)

@@ -139,23 +139,6 @@ def test_sizes_and_types_that_no_image_has_are_refused(size, dtype, message):
             render_reference(Scene(4, 4), *size)
 
 
-def test_a_torch_loss_runs_with_one_thread_and_restores_the_number_of_threads():
-    before, pixels, seen = torch.get_num_threads(), np.zeros((6, 9, 3), np.float32), []
-
-    def loss(render, target):
-        seen.append(torch.get_num_threads())
-        return (render - target).square().mean() if len(seen) == 1 else 1.0
-
-    torch.set_num_threads(3)
-    try:
-        torch_loss(loss)(pixels, pixels)
-        with pytest.raises(InputError):
-            torch_loss(loss)(pixels, pixels)
-        assert (seen, torch.get_num_threads()) == ([1, 1], 3)
-    finally:
-        torch.set_num_threads(before)
-
-
 @pytest.mark.parametrize(
     "function",
     [

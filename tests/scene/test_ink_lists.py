@@ -93,33 +93,6 @@ def test_a_picture_has_no_more_inks_than_visible_colours():
         inks_of(pixels, 3)
 
 
-@pytest.mark.parametrize(
-    ("accent", "side", "corner", "inks"),
-    [((0.86, 0.68, 0.2), 90, 10, 5), ((0.2, 0.35, 0.8), 90, 10, 5), ((0.2, 0.6, 0.3), 300, 14, 6)],
-)
-def test_a_small_accent_has_an_ink_beside_many_greys(accent, side, corner, inks):
-    """Of a ramp from dark to light, one pixel in 80 or in 460 is of an accent."""
-    noise = np.random.default_rng(2)
-    pixels = np.linspace(0.05, 0.95, side)[:, None, None] + noise.normal(0, 0.02, (side, side, 3))
-    part = slice(side // 3, side // 3 + corner)
-    pixels[part, part] = accent + noise.normal(0, 0.02, (corner, corner, 3))
-    chosen = ink_colors(inks_of(np.clip(pixels, 0, 1).astype(np.float32), inks))
-    assert np.abs(chosen - accent).max(axis=1).min() < 0.05
-
-
-@pytest.mark.parametrize("hue", [(1, 1, 1), (1, 0.8, 0.7)])
-def test_three_inks_keep_a_small_white_and_a_small_black_part(hue):
-    """Without these parts, no ink is lighter or darker than the rest of the picture."""
-    noise = np.random.default_rng(3).normal(0, 0.08, (100, 100, 1))
-    rest = (0.5 + noise) * hue
-    picture = rest.copy()
-    picture[10:20, 10:20], picture[60:70, 60:70] = 1, 0
-    inks = inks_of(picture.astype(np.float32), 3).split(",")
-    assert (inks[0], inks[-1]) == ("#ffffff", "#000000")
-    levels = ink_colors(inks_of(rest.astype(np.float32), 3))
-    assert rest.min() - 0.002 <= levels.min() <= levels.max() <= rest.max() + 0.002
-
-
 def test_antialiasing_and_paper_are_no_inks_and_an_only_colour_is_one():
     at = np.hypot(*np.mgrid[-100:100, -100:100])
     picture = np.full((200, 200, 3), [0.93, 0.91, 0.86])

@@ -80,30 +80,6 @@ def srgb_curve(light: NDArray) -> NDArray:
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-def tiff_file(*strips: bytes, order: str = "<", **tags: int | list[int]) -> bytes:
-    """A TIFF of strips or, with their size, tiles, with tags by number such as t256=width."""
-    offsets = [8 + len(b"".join(strips[:k])) for k in range(len(strips))]
-    entries = {int(name[1:]): value for name, value in tags.items()}
-    places, counts = (324, 325) if 322 in entries else (273, 279)
-    entries = {places: offsets, counts: [len(strip) for strip in strips]} | entries
-    data = b"".join(strips)
-    place = 8 + len(data) + len(data) % 2
-    after, rest = place + 6 + 12 * len(entries), b""
-    directory = struct.pack(f"{order}H", len(entries))
-    for tag, value in sorted(entries.items()):
-        if isinstance(value, int):
-            directory += struct.pack(f"{order}HHII", tag, 4, 1, value)
-            continue
-        kind, number = ("H", 3) if max(value, default=0) < 1 << 16 else ("I", 4)
-        packed = struct.pack(f"{order}{len(value)}{kind}", *value)
-        short = len(packed) <= 4
-        field = packed.ljust(4, b"\0") if short else struct.pack(f"{order}I", after + len(rest))
-        directory += struct.pack(f"{order}HHI", tag, number, len(value)) + field
-        rest += b"" if short else packed
-    head = (b"II" if order == "<" else b"MM") + struct.pack(f"{order}HI", 42, place)
-    return head + data.ljust(place - 8, b"\0") + directory + bytes(4) + rest
-
-
 def assert_read(source, pixels, notes=(), atol=1e-7, alpha=None):
     """Load a photo, compare its pixels, notes and alpha, and return it."""
     photo = load_image(source)

@@ -14,7 +14,7 @@ from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.studio.options import USES, form, lines_of, options_of
-from gauss2svg.studio.service import create_app, workers_and_threads
+from gauss2svg.studio.service import create_app
 
 OPTIONS = [option for group in form()["groups"] for option in group["options"]]
 # A value of each option that is not its default.
@@ -81,21 +81,6 @@ def test_the_lines_are_read_back_as_the_same_options(given, monkeypatch):
     groups = call.call_args.kwargs
     goal = {name: groups.pop(name) for name in list(groups) if name not in GROUPS}
     assert Options(goal=gauss2svg.Goal(**goal), **groups).flat() == options.flat()
-
-
-def test_lines_name_the_mask_of_a_photo_as_it_is_saved():
-    lines = lines_of("-a.png", Options(), has_focus=True)
-    assert lines["command"] == "gauss2svg ./-a.png -o ./-a.svg --focus ./-a-focus.png"
-    assert "vectorize('-a.png', focus='-a-focus.png')" in lines["python"]
-
-
-def test_cores_are_shared_out(monkeypatch):
-    for cores in (1, 6, 13):
-        monkeypatch.setattr("gauss2svg.studio.service.machine", lambda n=cores: {"cores": n})
-        for given in ((None, None), (1, None), (None, 1), (cores, None), (None, cores)):
-            workers, threads = workers_and_threads(*given)
-            assert cores // 2 < workers * threads <= cores
-            assert given in ((workers, None), (None, threads), (None, None))
 
 
 @pytest.mark.parametrize("is_local", [True, False])

@@ -1,6 +1,5 @@
 """What the studio answers to requests that run no fit: one table of hostile ones, in process."""
 
-import asyncio
 import json
 import math
 import os
@@ -8,13 +7,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from batches import PoolHere
 from pictures import png
 from studio_server import answer_of
 
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
-from gauss2svg.studio import jobs, service
+from gauss2svg.studio import service
 from gauss2svg.studio.routes import display_name, samples_in
 from gauss2svg.studio.service import Guard, create_app
 
@@ -162,21 +160,6 @@ def test_samples_are_the_photos_of_a_folder_by_names_that_an_address_can_have(tm
         assert answer_of(studio, "GET", f"/{one['url']}").content == PNG
     with pytest.raises(InputError, match="FOLDER must be a folder with photos"):
         samples_in(tmp_path / "none")
-
-
-def test_the_oldest_finished_jobs_are_forgotten(monkeypatch):
-    for name, stub in {"Pool": PoolHere, "fit": dict, "MOST_KEPT": 2}.items():
-        monkeypatch.setattr(jobs, name, stub)
-
-    async def story():
-        queue = jobs.Jobs(1, 1)
-        made = [jobs.Job(queue.new_folder(), "p.png", {}, 8, 8, {}) for _ in range(4)]
-        for job in made:
-            queue.submit(job)
-        kept = [job.id in queue.by_id for job in made]
-        assert [job.folder.exists() for job in made] == kept == [False, True, True, True]
-
-    asyncio.run(story())
 
 
 def test_a_chart_is_drawn_and_its_texts_are_text():

@@ -4,19 +4,13 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scenes import random_sum
 
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg import SvgFormat
-from gauss2svg.svg.additive import phases_of
-from gauss2svg.svg.forms import gradient_stops, whole_stops
 from gauss2svg.svg.write import write_svg
 
 EXACT = SvgFormat(stops=8, precision=0.01)
@@ -24,25 +18,6 @@ EXACT = SvgFormat(stops=8, precision=0.01)
 
 def scene_with(seed: int = 0, count: int = 60, **changes) -> Scene:
     return random_sum(count, 60, 44, seed).replace(**changes)
-
-
-@settings(max_examples=3)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.1, 1.0, 4.0]))
-def test_the_canvas_holds_all_partial_sums_and_levels_are_spread_over_no_more(seed, strength):
-    scene = scene_with(seed, round_index=None)
-    scene = scene.replace(color=strength * scene.color)
-    phases, low, high = phases_of(scene)
-    order = np.concatenate(phases)
-    np.testing.assert_array_equal(np.sort(order), np.arange(60))
-    assert all(len(np.unique(scene.color[phase] < 0, axis=0)) == 1 for phase in phases)
-    steps = [splats_of(scene.select(order[:k])) for k in range(61)]
-    *sums, whole = (np.moveaxis(render_planar(one, 44, 60), 0, -1) for one in steps)
-    # Sums no farther than the picture are clipped with it; some peak beside what was looked at.
-    above = max((one - np.maximum(high, whole)).max() for one in sums)
-    below = max((np.minimum(low, whole) - one).max() for one in sums)
-    assert max(above, below) < 0.02 * (high - low).max()
-    off = np.abs(rasterize(write_svg(scene, EXACT), 60, 44) - render(scene))
-    assert (off.mean(axis=(0, 1)) < (high - low + 0.5) / 255).all()
 
 
 def one_sign(sign: int, background: float) -> Scene:
@@ -85,28 +60,6 @@ def test_every_renderer_but_cairo_draws_a_sum(renderer):
     scene = scene_with(7)
     if renderer != "cairo":  # which refuses it
         assert psnr(rasterize(write_svg(scene, EXACT), 60, 44, renderer), render(scene)) > 36
-
-
-@pytest.mark.parametrize("count", [5, 8])
-def test_chosen_stops_are_nearer_than_rounded_ones(count):
-    levels = np.random.default_rng(2).uniform(0, 40, (50, 3))
-    levels[0] = 0
-    offsets, colors = whole_stops(levels, count)
-    assert (np.diff(offsets, axis=1) > 0).all()
-    assert ((offsets >= 0) & (offsets <= 1)).all()
-    assert not colors[:, -1].any()
-    assert not colors[0].any()
-    x = (np.arange(4000) + 0.5) / 4000
-    falloff = profile(x * cut_radius(1.0))[:, None]
-
-    def error(level, at, values):
-        drawn = np.stack([np.interp(x, at, column) for column in values.T], axis=-1)
-        return float((x[:, None] * (drawn - level * falloff) ** 2).mean())
-
-    at, values = (np.array(part) for part in gradient_stops(count))
-    rounded = [error(level, at, np.round(level * values[:, None])) for level in levels]
-    chosen = list(map(error, levels, offsets, colors))
-    assert np.mean(chosen) < 0.7 * np.mean(rounded)
 
 
 def test_two_sums_in_one_page_keep_their_own_filters():

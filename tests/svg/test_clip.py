@@ -1,28 +1,27 @@
 """Properties of the clip: nothing is drawn beside the picture, and nothing else changes."""
 
 import base64
-import itertools
 import re
 from functools import partial
 
 import numpy as np
 import pytest
+from outlines import box, polygon, polyline
 from scenes import random_scene, random_sum
 from screens import drawn_in_pages
 
 from gauss2svg.raster import rasterize
-from gauss2svg.scene import BLURRED, PLAIN, Area, Outline, Scene
-from gauss2svg.scene.falloff import covered_radius, cut_radius
+from gauss2svg.scene import PLAIN, Area, Scene
 from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, plate_svg, write_svg
 
 WIDTH, HEIGHT = 40, 30
-WHOLE = Area([Outline([(0, 0), (40, 0), (40, 30), (0, 30)], [False] * 4)], (0, 1, 0))
-BESIDE = Area([Outline([(0, 0), (-9, 9), (9, 9)], [False] * 3)], (1, 0, 0))
+WHOLE = Area([box(0, 0, 40, 30)], (0, 1, 0))
+BESIDE = Area([polygon((0, 0), (-9, 9), (9, 9))], (1, 0, 0))
 # A line that reaches beyond the canvas only by its stroke.
-EDGE = Area([Outline([(9, 29), (30, 29)], [False], closed=False)], (0, 0, 1), width=3)
+EDGE = Area([polyline((9, 29), (30, 29))], (0, 0, 1), width=3)
 MINIMAL = SvgFormat(markup="minimal", precision=0.5)
 # What writes each kind of file that has a clip.
 CLIPPED = {
@@ -84,26 +83,6 @@ def test_the_clip_changes_neither_the_scene_that_is_read_nor_a_pixel_of_the_page
         for scale in (1, 3):
             drawn = (rasterize(text, scale * WIDTH, scale * HEIGHT) for text in (svg, bare))
             np.testing.assert_array_equal(*drawn)
-
-
-@pytest.mark.parametrize(
-    ("kind", "beta", "reach"),
-    [
-        ("gradient", 1.0, cut_radius(1.0)), ("blur", 1.0, 1.09458 * (1 + 3.5 / 1.4)),
-        ("masks", 1.0, cut_radius(1.0)), ("sheet", 1.0, cut_radius(1.0)),
-        ("arcs", 64.0, covered_radius(64.0)), ("inks", 64.0, covered_radius(64.0)),
-    ],
-)  # fmt: skip
-def test_a_file_has_a_clip_if_and_only_if_a_shape_reaches_beyond_the_page(kind, beta, reach):
-    sigma = 10.0 / float(reach)
-    for (distance, clips), side in itertools.product(((10.6, 0), (9.4, 1)), range(4)):
-        mean = [[distance, 15], [40 - distance, 15], [20, distance], [20, 30 - distance]][side]
-        scene = Scene(
-            WIDTH, HEIGHT, [mean], [[sigma, sigma]], [0.0], [[1, 0, 0]], [0.5], beta=[beta],
-            drawn=[BLURRED if kind == "blur" else 0],
-        )  # fmt: skip
-        assert CLIPPED[kind](scene).count("<svg") == 1 + clips
-    assert CLIPPED[kind](scene.select([])).count("<svg") == 1
 
 
 @pytest.mark.parametrize(("markup", "precision"), [("editable", 40 / 588), ("minimal", 0.04)])

@@ -11,9 +11,6 @@ import numpy as np
 import pytest
 from conftest import needs
 from flat import vectorize
-from galleries import save
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 from scenes import random_areas, random_scene
 from screens import captured, chromium
@@ -23,7 +20,6 @@ from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
 from gauss2svg.svg import DEFAULT_TITLE, Document, SvgFormat
-from gauss2svg.svg.element import number
 from gauss2svg.svg.file import bytes_by_part, file_bytes, is_own
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, write_svg
@@ -35,11 +31,6 @@ QUICK = {"gaussians": 20, "iterations": 6}
 QUICK_OPTIONS = ["--gaussians", "20", "--iterations", "6"]
 SCENE = random_scene(30, 60, 45, 7)
 PLAIN = write_svg(SCENE)
-
-
-@pytest.fixture
-def picture(photo, tmp_path):
-    return save(photo[:48, :64], tmp_path / "photo.png", dpi=(96, 96))
 
 
 def test_a_file_has_its_size_names_background_and_a_layer_for_each_round_that_draws():
@@ -99,14 +90,6 @@ def test_size_has_its_unit_and_the_proportions(size, sides):
 def test_document_that_cannot_be_is_refused(change, message):
     with pytest.raises(InputError, match=message):
         Document(**change)
-
-
-def test_bytes_by_part_are_those_of_the_elements_and_sum_to_all():
-    text = write_svg(SCENE, document=Document(title="<circle r='1'/> größe <defs></defs>"))
-    parts = bytes_by_part(text)
-    assert sum(parts.values()) == len(text.encode())
-    assert parts["geometry"] == sum(map(len, re.findall("<circle[^>]*>", PLAIN)))
-    assert parts["gradients"] == len(re.search("<defs>.*</defs>", PLAIN, re.DOTALL)[0])
 
 
 def test_options_of_the_document_reach_the_file_and_its_report_and_change_no_shape(
@@ -201,15 +184,6 @@ def test_a_photo_without_a_resolution_has_no_physical_size(dpi, line, picture):
     Image.open(picture).save(picture, **({} if dpi is None else {"dpi": dpi}))
     with pytest.raises(InputError, match=f"size must be .*{line}"):
         vectorize(picture, size="photo", **QUICK)
-
-
-@given(st.floats(-1e6, 1e6), st.integers(0, 6))
-def test_numbers_are_rounded_and_as_short_as_they_go(value, decimals):
-    text = number(value, decimals)
-    assert float(text) == pytest.approx(value, abs=0.5000001 * 10.0**-decimals)
-    assert re.fullmatch(r"0|-?([1-9]\d*)?(\.\d*[1-9])?", text)
-    assert text not in ("", "-")
-    assert number(-0.04, 1) == "0"
 
 
 SMALL = random_scene(30, 60, 45, 7, (2, 9))

@@ -72,15 +72,6 @@ def test_what_other_programs_draw_is_read_as_it_is_drawn(body):
     assert psnr(render(scene, 160, 120), rasterize(text, 160, 120)) > 36
 
 
-def test_gaussians_that_are_not_all_crisp_stay_gaussians_and_so_do_those_without_areas():
-    crisp, path = '<circle r="9" cx="9" cy="9"/>', f"<path {BOX}/>"
-    scenes = [read_svg(document(body)) for body in (crisp + path, crisp)]
-    soft = scenes[0].replace(drawn=np.zeros(1, np.int8))
-    assert with_ellipses_as_areas(soft) is soft
-    assert with_ellipses_as_areas(scenes[1]) is scenes[1]
-    assert len(with_ellipses_as_areas(scenes[0]).areas) == 2
-
-
 DATA = Path(__file__).parents[1] / "data"
 
 

@@ -15,7 +15,7 @@ from gauss2svg.measure import metrics
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import DRAW_ROTATED_BLURS, rasterize
 from gauss2svg.render import render
-from gauss2svg.scene import BLURRED, Scene
+from gauss2svg.scene import BLURRED
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg import STOP_COUNTS, SvgFormat
 from gauss2svg.svg.forms import (
@@ -125,28 +125,6 @@ def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette
         assert svg.count("<radialGradient") <= palette
 
 
-@pytest.mark.parametrize(
-    ("beta", "opacity", "blurred"),
-    [(1, 0.3, True), (1, 1, False), (1.74, 1, True), (4.3, 1, True), (16, 1, False)]
-    + [(beta, opacity, None) for beta in (0.6, 2.2, 9, 128) for opacity in (0.1, 0.9)],
-)
-def test_blurring_changes_little_or_is_not_done(beta, opacity, blurred):
-    scene = Scene(
-        99, 99, mean=[[50, 50]], sigma=[[12, 12]], rho=[0], color=np.ones((1, 3)),
-        opacity=[opacity], background=np.zeros(3), beta=[beta],
-    )  # fmt: skip
-    written = as_written(scene, BLUR)
-    is_blurred = written.drawn[0] == BLURRED
-    assert blurred in (None, is_blurred)
-    if is_blurred:
-        blur = BLURS[nearest_blurs(scene)[0]]
-        r = np.linspace(0, 1 + 3 * blur.deviation, 300)
-        drawn = opacity * blur.peak * blurred_disc(r, 1 / blur.deviation)
-        own = opacity * profile(blur.radius * r, blur.beta)
-        assert np.abs(drawn - own).max() < 0.05
-        assert np.abs(render(written) - render(scene)).max() <= 0.1
-
-
 @pytest.mark.parametrize("renderer", DRAW_ROTATED_BLURS)
 def test_blurred_scene_is_drawn_as_the_model_has_it(renderer):
     needs(renderer)
@@ -154,13 +132,3 @@ def test_blurred_scene_is_drawn_as_the_model_has_it(renderer):
     assert (scene.drawn == BLURRED).sum() > 10
     svg = write_svg(scene, SvgFormat(form=BLUR, precision=0.01, opacity_decimals=3))
     assert metrics.psnr(rasterize(svg, 200, 160, renderer), render(scene)) > 37
-
-
-@pytest.mark.parametrize(
-    ("sigma", "beta", "plain"),
-    [([20, 20], 64, True), ([200, 200], 64, False), ([60, 60], 64, False), ([200, 20], 64, False),
-     ([1, 1], 2, False), ([20, 20], 2, False), ([90, 90], 16, False)],
-)  # fmt: skip
-def test_plain_are_crisp_shapes_and_no_others(sigma, beta, plain):
-    scene = Scene(99, 99, [[50, 50]], [sigma], [0], np.zeros((1, 3)), [1], beta=[beta])
-    assert is_plain(scene).tolist() == [plain]

@@ -15,7 +15,7 @@ from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.svg import SvgFormat, minimal
-from gauss2svg.svg.minimal import as_written, colors_together, minimal_svg, whole_unit
+from gauss2svg.svg.minimal import as_written, minimal_svg, whole_unit
 from gauss2svg.svg.write import write_svg
 
 SIDE = 96
@@ -118,19 +118,3 @@ def test_arcs_draw_what_the_editable_file_draws_with_fewer_changes_of_colour(uni
     assert svg.count("<path") < 0.7 * np.count_nonzero(np.diff(scene.color, axis=0).any(axis=1))
     if unit == 0.01:
         assert psnr(arcs, rasterize(write_svg(scene, exact), 192, 192)) > 35
-
-
-@pytest.mark.parametrize(("colors", "radius"), [(1, 9.0), (2, 60.0), (6, 9.0)])
-def test_no_shape_is_moved_over_another_colour_that_it_overlaps(colors, radius):
-    rng = np.random.default_rng(3)
-    r, mean = rng.uniform(0.1, radius, 150), rng.uniform(0, 100, (150, 2))
-    factor, kind = np.column_stack([r, np.zeros(150), r]), rng.integers(0, colors, 150)
-    order = colors_together(mean, factor, kind[:, None], mean.T, 0.5)
-    place = np.argsort(order)
-    gap = np.hypot(*(mean[:, None] - mean).T) - r[:, None] - r
-    below = (kind[:, None] != kind) & (gap < 0) & np.triu(np.ones((150, 150), bool), 1)
-    assert (place[:, None] < place)[below].all()
-    changes, before = (np.count_nonzero(np.diff(kinds)) for kinds in (kind[order], kind))
-    assert changes <= 0.8 * before
-    again = colors_together(mean[order], factor[order], kind[order, None], mean[order].T, 0.5)
-    np.testing.assert_array_equal(again, np.arange(150))

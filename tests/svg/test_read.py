@@ -162,22 +162,6 @@ def test_transforms_and_opacities_are_those_of_the_standard(kind):
     assert metrics.psnr(render(back), rasterize(text, 40, 30)) > 45
 
 
-def test_tilted_arcs_are_a_turned_ellipse():
-    # as Inkscape 1.2 writes a circle under a matrix, made a path and turned
-    arc = "A 49.735632,201.06309 18.489639 0 1"
-    path = (
-        f'<path fill="#0f0" d="M 967.42679,348.97028 {arc} 858.87853,501.01394 '
-        f"{arc} 887.13833,277.18056 {arc} 995.68659,125.13689 {arc} "
-        '967.42679,348.97028 Z"/>'
-    )
-    ellipse = (
-        '<ellipse fill="#0f0" cx="927.28" cy="313.06" rx="49.735632" ry="201.06309" '
-        'transform="rotate(18.489639 927.28256 313.07541) translate(.00256 .01541)"/>'
-    )
-    shown = [read_svg(document(f'<g transform="scale(.03)">{b}</g>')) for b in (path, ellipse)]
-    assert_same(*shown, 1e-5)
-
-
 def group(label: str, body: str = CIRCLE) -> str:
     return f'<g inkscape:groupmode="layer" inkscape:label="{label}">{body}</g>'
 
@@ -220,23 +204,15 @@ STOPS = '<stop offset="0"/><stop offset="1" stop-color="red"/>'
 SPACE = 'gradientUnits="userSpaceOnUse"'
 RED, CLEAR = '<stop offset="0" stop-color="red"/>', '<stop offset="1" stop-opacity="0" '
 DEFS = (
-    '<radialGradient id="loop" xlink:href="#pool"/><radialGradient id="pool" xlink:href="#loop"/>'
     f'<radialGradient id="two">{RED}{CLEAR}/></radialGradient>'
     f'<radialGradient id="cone">{RED}{CLEAR} stop-color="red"/></radialGradient>'
-    + gradient("aside").replace('fx=".001"', 'fx=".3"')
-    + '<filter id="faint"><feGaussianBlur stdDeviation="20"/></filter><filter id="alpha">'
-    '<feGaussianBlur in="SourceGraphic" x="0" stdDeviation="3.5715"/></filter>'
-    f'<linearGradient id="box" x2="1">{STOPS}</linearGradient>'
+    '<filter id="faint"><feGaussianBlur stdDeviation="20"/></filter>'
     f'<linearGradient id="again" {SPACE} spreadMethod="reflect" x2="9">{STOPS}</linearGradient>'
-    f'<linearGradient id="none" {SPACE} x2="9"/>'
     f'<linearGradient id="point" {SPACE} x1="9" x2="9">{STOPS}</linearGradient>'
-    f'<linearGradient id="share" {SPACE}>{STOPS}</linearGradient>'
     f'<linearGradient id="clear" {SPACE} x2="9"><stop stop-opacity=".5"/></linearGradient>'
     f'<radialGradient id="tilt" {SPACE} cx="1" cy="1" r="1" '
     f'gradientTransform="matrix(2 1 0 1 0 0)">{STOPS}</radialGradient>'
-    f'<radialGradient id="focus" {SPACE} cx="1" cy="1" r="1" fx="1.5">{STOPS}</radialGradient>'
-    '<pattern id="dots"/><clipPath id="part"><rect width="40" height="20"/></clipPath>'
-    '<clipPath id="round"><rect width="40" height="30" rx="2"/></clipPath>'
+    '<clipPath id="part"><rect width="40" height="20"/></clipPath>'
 )
 # What is in the place of the shape, and the line.
 REFUSED = {
@@ -259,16 +235,12 @@ REFUSED = {
     "<g>" * 200 + "</g>" * 200: "in groups of at most 100",
     f'<circle r="9" mask="url(#a)" {STROKE}/>': "its mask must be none",
     f'<path opacity=".5" stroke="#000" {FILL}/>': "its opacity must be 1 with both a fill and a",
-    f'<path clip-path="url(#a)" {FILL}/>': "its clip-path must be none, or an upright rectangle",
     f'<g clip-path="url(#part)"><path {FILL}/></g>': "its clip-path must be .* got 'url.#part.'",
-    f'<path stroke-dasharray="3 1" {STROKE}/>': "its stroke-dasharray must be none; got '3 1'",
     f'<path stroke-linejoin="bevel" {STROKE}/>': "stroke-linejoin must be .* got butt bevel",
     f'<path stroke-width="0" {STROKE}/>': "its stroke-width must be above 0; got '0'",
-    f'<path vector-effect="non-scaling-stroke" {STROKE}/>': "its vector-effect must be none",
     f'<path transform="scale(1 2)" {STROKE}/>': "transforms of a stroke must be without",
     f'<path fill-rule="evenodd" fill="red" d="{STAR}"/>': "its fill-rule must be nonzero where",
     '<path fill="red" d="m0 0h9v9a5 5 0 0 2 3 3z"/>': "its d must be lines and curves",
-    '<path fill="red" d="m0 0c9 9 3 0z"/>': "lines and curves",
     '<path fill="red" d="m0 0h1e999v9z"/>': "points of an outline must be",
     '<rect fill="red" width="1cm" height="9"/>': "width must be a finite number; got '1cm'",
     '<path fill="url(#again)" d="m0 0h9v9z"/>': "its gradient must be without",

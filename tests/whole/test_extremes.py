@@ -15,13 +15,8 @@ from gauss2svg.errors import InputError, SceneError
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.reference import composite, render_reference
-from gauss2svg.scene import (
-    LEAST_SIGMA,
-    MOST_MEAN,
-    MOST_SIGNED,
-)
+from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGNED
 from gauss2svg.scene.falloff import profile
-from gauss2svg.svg.write import write_svg
 
 pytestmark = pytest.mark.sweep
 
@@ -100,13 +95,3 @@ def test_beyond_the_domain_tensors_are_refused_by_both_renderers(draw, name):
         beta = arrays.pop("beta")
         with pytest.raises(InputError, match=rf"^{name} .* finite and in .* clamp"):
             draw(*arrays.values(), 18, 20, beta)
-
-
-@pytest.mark.parametrize("blend", ["over", "add"])
-def test_shapes_beyond_the_numbers_of_a_file_are_refused_by_their_index(blend):
-    scene = random_scene(4, 30, 20, 6, beta=(1, 1)).replace(round_index=None)
-    if blend == "add":
-        scene = scene.replace(blend=blend, opacity=np.ones(4))
-    mean = np.where(np.arange(4)[:, None] == 2, 1e9, scene.mean)
-    with pytest.raises(SceneError, match="Gaussian 2 must reach at most"):
-        write_svg(scene.replace(mean=mean))

@@ -1,6 +1,5 @@
 """What differs between systems, as the system that runs the tests has it."""
 
-import signal
 import sys
 import threading
 from pathlib import Path
@@ -12,22 +11,7 @@ from PIL import Image
 from gauss2svg import files
 from gauss2svg.cli.main import main
 from gauss2svg.errors import RendererError
-from gauss2svg.processes import command_line, end_of
 from gauss2svg.raster import renderers
-
-
-def test_a_crash_is_told_from_an_end_by_the_exit_status():
-    assert end_of(139) == "ended with status 139"
-    killers = {-signal.SIGTERM: "SIGTERM", -50: "status -0x32", 0xC00000FD: "status 0xc00000fd"}
-    for status, killer in killers.items():
-        assert end_of(status) == f"killed by {killer}; was there enough memory?"
-
-
-def test_a_command_is_shown_as_one_types_it():
-    shown = (
-        "'my photo.png' 'a&b.png' ''" if sys.platform != "win32" else '"my photo.png" a&b.png ""'
-    )
-    assert command_line(["gauss2svg", "my photo.png", "a&b.png", ""]) == f"gauss2svg {shown}"
 
 
 @pytest.mark.posix

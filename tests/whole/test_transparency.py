@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from scenes import extreme_scenes, random_areas, random_scene, rounding_of
 
 import gauss2svg
-from gauss2svg.fit.placement import place
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.photo.pixels import BACKDROPS, BLACK, over, shrunk
@@ -106,20 +105,6 @@ def test_losses_and_removal_costs_are_of_the_errors_over_white_and_over_black(ar
         assert cost[i, 0] == pytest.approx(without - before, abs=1e-6)
 
 
-@pytest.mark.parametrize("placement", choices("init"))
-def test_new_gaussians_are_placed_on_visible_pixels_in_visible_colours(placement):
-    rgba = np.dstack([np.full((40, 60, 3), [1.0, 0.0, 1.0]), np.zeros((40, 60))])
-    rgba[10:30, 20:40] = [0.0, 0.5, 0.25, 0.6]
-    target = Target(rgba, "psnr")
-    spot = {"color": [[0, 0, 0]], "opacity": [0.9]}  # where nothing should be
-    far = Scene(60, 40, mean=[[52, 34]], sigma=[[3, 3]], rho=[0], transparent=True, **spot)
-    rendered = target.rendered(splats_of(far))
-    new = place(placement, target, rendered, 30, 30, np.random.default_rng(0))
-    x, y = new.mean.T
-    assert ((x >= 19) & (x <= 41) & (y >= 9) & (y <= 31)).all()
-    np.testing.assert_allclose(new.color, np.tile([0.0, 0.5, 0.25], (30, 1)), atol=1e-6)
-
-
 def test_every_renderer_draws_glass_as_glass_and_the_file_transparent_where_the_photo_is(
     renderer, result, cut_out
 ):
@@ -163,13 +148,6 @@ def test_opaque_alpha_is_no_alpha_and_colours_of_invisible_pixels_change_nothing
     assert one.report["psnr_svg_black"] is one.report["psnr_model_alpha"] is None
     other[cut_out[:, :, 3] == 0, :3] = [255, 0, 255]
     assert vectorize(other, **FEW).svg == vectorize(cut_out, **FEW).svg
-
-
-@pytest.mark.sweep
-def test_target_holds_over_both_backdrops(cut_out):
-    report = vectorize(cut_out, target_psnr=27, quality="fast").report
-    assert report["stop_reason"] == "target_psnr"
-    assert min(report["psnr_svg"], report["psnr_svg_black"]) >= 26.95
 
 
 ROUNDING = {np.float32: 6e-5, np.float64: 3e-7}  # of two renders, and of the float32 result
