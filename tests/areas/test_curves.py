@@ -2,19 +2,13 @@
 
 import numpy as np
 import pytest
+from outlines import cubic
 from scipy.optimize import least_squares
 from scipy.spatial import KDTree
 
 from gauss2svg.areas.outlines import merged_path
 
 ARC = np.array([[0, 0], [6, 4], [13, 5], [20, 0]])
-
-
-def cubic(p, count: int):
-    """Return `count` points along the cubic with the control points p (4, 2)."""
-    t = np.linspace(0, 1, count)[:, None]
-    u = 1 - t
-    return u**3 * p[0] + 3 * u * u * t * p[1] + 3 * u * t * t * p[2] + t**3 * p[3]
 
 
 def rms(values) -> float:
@@ -54,14 +48,3 @@ def test_pieces_of_one_curve_become_one_and_corners_stay():
     segment, curved = merged(bent, range(0, 41, 4), 0.01)
     assert curved.tolist() == [False, False]
     assert segment[:, [0, 3]].tolist() == [[[0, 0], [10, 0]], [[10, 0], [10, 10]]]
-
-
-@pytest.mark.parametrize("first", [0, 21])
-def test_a_disc_has_the_same_curves_wherever_its_points_begin(first):
-    angle = np.arange(60) * np.pi / 30 + 0.1 * np.sin(np.arange(60) * np.pi / 30)
-    points = np.roll(10 * np.stack([np.cos(angle), np.sin(angle)], axis=1), first, axis=0)
-    start = np.array([0, 8, 34, 60])  # the first curve takes points of both others
-    segments, curved, _ = merged_path(points, np.ones(60), start, None, True, 1 / 32, 0.0, 1e-4)
-    assert curved.all()
-    radius = np.hypot(*np.concatenate([cubic(p, 50) for p in segments]).T)
-    assert abs(radius - 10).max() < 0.05

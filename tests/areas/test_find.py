@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from outlines import cubic
 from scipy.spatial import KDTree
-from test_curves import cubic
 
 from gauss2svg.areas.find import find_areas
 from gauss2svg.areas.paint import paint_of

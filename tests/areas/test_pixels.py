@@ -6,12 +6,10 @@ from test_find import scene_of as scene_of_areas
 from test_texture import PICTURES, drawing, jpeg, photo_named
 from test_texture import pixels_of as as_floats
 
-from gauss2svg.areas.pixels import Sprite, areas_of_sprite, sprite_of
+from gauss2svg.areas.pixels import areas_of_sprite, sprite_of
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.pixels import shrunk
-from gauss2svg.pipeline.found import sprite_in_inks
 from gauss2svg.render import render, render_rgba
-from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import Scene
 
 
@@ -53,18 +51,6 @@ def test_an_enlarged_sprite_has_in_each_pixel_the_mean_of_its_cells(count, least
     assert scores[0] > scores[1] + 6
 
 
-@pytest.mark.parametrize(("count", "cells"), [(2, 24), (5, 24), (20, 10)])
-def test_a_turned_sprite_has_turned_areas(count, cells):
-    picture = sprite(count, 1, 3, cells)
-    scene, turned = scene_of(picture), scene_of(np.rot90(picture))
-    assert (scene.background == turned.background).all()
-    for one, other in zip(scene.areas, turned.areas, strict=True):
-        assert one.paint == other.paint
-        box = 0, 0, 4 * cells, 4 * cells, (4, 4)
-        covered, again = (coverage_of(area, *box) for area in (one, other))
-        np.testing.assert_allclose(np.rot90(covered), again, atol=1e-9)
-
-
 def test_cells_show_the_page_by_their_alpha():
     picture = np.dstack([sprite(5, 2), np.ones((48, 48))]).astype(np.float32)
     blue = (picture[..., :3] == picture[0, 0, :3]).all(axis=-1)
@@ -74,13 +60,6 @@ def test_cells_show_the_page_by_their_alpha():
     assert np.abs(drawn[..., 3] - picture[..., 3]).max() < 0.001
     seen = picture[..., 3:] > 0
     assert np.abs(np.where(seen, drawn[..., :3] - picture[..., :3], 0)).max() < 0.001
-
-
-def test_in_inks_faint_cells_are_transparent_and_the_others_have_the_nearest_ink():
-    levels = np.array([[250, 250, 250, 255], [9, 9, 9, 120], [9, 9, 9, 140]])
-    inked = sprite_in_inks(Sprite(np.arange(3)[None], levels, 1), "#ffffff,#000000")
-    expected = [[255, 255, 255, 255], [0, 0, 0, 0], [0, 0, 0, 255]]
-    assert inked.levels[inked.cells[0]].tolist() == expected
 
 
 def test_outlines_follow_the_pixels_in_as_few_nodes_as_possible():
@@ -103,15 +82,3 @@ def test_drawings_and_photos_are_no_pixel_art():
         for photo in (photo_named(name), photo_named(name).resize((48, 48))):
             assert sprite_of(as_floats(photo)) is None, name
             assert sprite_of(as_floats(jpeg(photo, 80))) is None, name
-
-
-def test_noise_gradients_and_plain_pictures_are_no_pixel_art():
-    """A square without antialiased edges lies on each of them."""
-    noise = np.random.default_rng(1).random((40, 40, 1))
-    ramp = np.linspace(0, 1, 40)[:, None, None] + np.zeros((1, 40, 1))
-    square = np.pad(np.full((20, 20, 1), 0.3), ((10, 10), (10, 10), (0, 0)))
-    for height in (0.03, 0.1, 0.3, 0.6):
-        for shade in (noise, ramp, ramp.swapaxes(0, 1)):
-            picture = (height * shade + square).repeat(3, axis=2).astype(np.float32)
-            assert sprite_of(picture) is None, height
-    assert sprite_of(np.full((8, 8, 3), 0.5, np.float32)) is None

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from flat import vectorize
+from outlines import polygon
 from PIL import Image
 from test_clean import as_jpeg, image_of, off
-from test_find import DRAWINGS, RED, SIDE, drawn, polygon
+from test_find import DRAWINGS, RED, SIDE, drawn
 
 from gauss2svg.areas.ringing import is_rung, unrung
 from gauss2svg.render.areas import draw_areas
@@ -36,13 +37,6 @@ def test_the_areas_of_the_source_explain_what_a_filter_changed(name, resampling)
     assert clean is not None
     assert np.abs(clean - drawn(areas)).max() < 3 / 255
     assert unrung(drawn(areas), areas, WHITE) is None
-
-
-def test_a_drawing_need_not_be_square():
-    picture, areas = rung(DRAWINGS["a ring"], LANCZOS), DRAWINGS["a ring"]
-    clean = unrung(picture[:-8], areas, WHITE)
-    assert clean is not None
-    assert np.abs(clean - drawn(areas)[:-8]).max() < 3 / 255
 
 
 @pytest.mark.parametrize("name", DRAWINGS)

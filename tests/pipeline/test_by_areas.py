@@ -1,5 +1,6 @@
 """Properties of runs with areas: the file has them, the report tells of them, limits are kept."""
 
+import dataclasses
 import itertools
 import re
 
@@ -9,14 +10,17 @@ from flat import vectorize
 from pictures import clouds
 from skimage import data
 
-from gauss2svg import Scene, read_svg
-from gauss2svg.areas.find import find_areas
+from gauss2svg import Options, Scene, read_svg
+from gauss2svg.areas.find import RATE, find_areas
 from gauss2svg.errors import InputError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over
+from gauss2svg.pipeline.found import Trials, nothing
+from gauss2svg.pipeline.outcome import Exporter, Subject
+from gauss2svg.pipeline.plan import Plan
 from gauss2svg.raster import rasterize, rasterize_rgba
-from gauss2svg.scene.areas import AreaCounts
+from gauss2svg.scene.areas import Area, AreaCounts, Outline
 from gauss2svg.scene.inks import ink_colors, ink_name
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import write_svg

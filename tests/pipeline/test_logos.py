@@ -67,3 +67,12 @@ def test_a_disc_that_touches_the_edges_of_the_page_has_no_knobs(size, gap):
     far = np.hypot(x - size / 2, y - size / 2)[is_red].max()
     assert far < radius + 0.6
     assert len(result.scene.areas) < 4
+
+
+def test_no_paler_lines_are_along_the_edges_of_a_transparent_logo():
+    y, x = np.mgrid[:960, :960]
+    inside = (np.abs(x - 480) < 54) | (np.abs(y - 480) < 54)
+    cross = np.stack([98 + 0 * x, 93 + 0 * x, 245 + 0 * x, 255 * inside], axis=2).astype(np.uint8)
+    reduced = Image.fromarray(cross).resize((120, 120), Image.Resampling.LANCZOS)
+    result = vectorize(np.asarray(reduced))
+    assert len({area.paint for area in result.scene.areas}) == 1
