@@ -91,6 +91,12 @@ def test_a_function_that_is_no_loss_is_refused(answer, message):
         fit(pixels, fit_config(3, 5, loss=lambda render, target: answer))
 
 
+def test_an_error_of_a_loss_of_tensors_says_how_it_becomes_one_of_arrays():
+    with pytest.raises(AttributeError) as caught:
+        fit(np.zeros((6, 9, 3)), fit_config(3, 5, loss=lambda render, target: render.requires_grad))
+    assert "Try torch_loss(function)" in caught.value.__notes__[0]
+
+
 def chequered(height, width, contrast, cell=1) -> np.ndarray:
     """Grey pixels (height, width, 3); with cells of 1 px their variance is contrast (width,)^2."""
     y, x = np.mgrid[:height, :width] // cell
