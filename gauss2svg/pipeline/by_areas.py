@@ -52,6 +52,10 @@ STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the 
 # the bytes, as after a tracer.
 FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
+_ANEW = (
+    "the start differs from the picture, so its areas were found anew, and edits may be lost. Edit "
+    "the file of this run, or give the picture that the edit shows"
+)
 
 
 class _StoppedError(Exception):
@@ -101,7 +105,7 @@ class ByAreas:
         self._start = None if start is None else scaled_to(start, subject.size)
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
-        self._is_cut = self._is_late = False
+        self._is_cut = self._is_late = self._is_anew = False
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
         self._so_far: FoundAreas | None = None  # areas before the picture was drawn in inks
@@ -122,11 +126,12 @@ class ByAreas:
         enough = math.inf if is_limited else self._plan.preset.stop_psnr - ENOUGH.too_little
         if psnr < enough and not (unsure or self._plan.goal.time_limit or self._run.ended):
             unsure = self._trials.shapes_win(outcome.file.size, self._trials.error_at(psnr))
-        outcome = dataclasses.replace(outcome, unsure=unsure)
+        notes = (_ANEW,) if self._is_anew else ()
+        outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
             return outcome
         fitted, raster = outcome.fitted.after(None, "start"), self._exporter.raster(file.svg)
-        own = dataclasses.replace(outcome, file=file, raster=raster, fitted=fitted)
+        own = dataclasses.replace(outcome, file=file, raster=raster, fitted=fitted, notes=())
         return max(outcome, own, key=attrgetter("psnr"))
 
     def _search(self) -> Outcome:
@@ -273,7 +278,7 @@ class ByAreas:
             start = start.replace(areas=first.areas)
             if model_psnr(start, self._subject.working) < SEEN_UP_TO:
                 # Much has moved, as between two frames of a film, so areas are found anew.
-                self._subject = dataclasses.replace(self._subject, start=None)
+                self._subject, self._is_anew = dataclasses.replace(self._subject, start=None), True
                 first = self._found(self._searched, first)
         self._is_lost |= self._has_strips and self._ends()
         if self._is_lost:
