@@ -120,7 +120,7 @@ class ByAreas:
         If the file of a start is closer than what is made of it, that is returned.
         """
         outcome = self._search()
-        unsure, psnr = self._is_lost, self._psnr(outcome)
+        unsure, psnr = self._is_lost or outcome.unsure, self._psnr(outcome)
         is_limited = self._limit < math.inf or self._plan.aim is not None
         # With a time limit, no time is left for two searches, and a preset asks for no more.
         enough = math.inf if is_limited else self._plan.preset.stop_psnr - ENOUGH.too_little
@@ -156,16 +156,22 @@ class ByAreas:
         start = subject.start
         start = None if start is None else start.select(start.level == ABOVE) or None
         above = dataclasses.replace(subject, ground=trial.ground, start=start)
-        if (most := self._trials.most) < math.inf:
-            options = plan.options.changed(gaussians=int(most) - len(trial.ground))
+        if (most := self._trials.most_above(trial)) < math.inf:
+            options = plan.options.changed(gaussians=int(most))
             plan = dataclasses.replace(plan, options=options)
         both = ByCount(plan, above, run).run()
         is_closer = self._psnr(both) >= self._psnr(alone) + 0.02 or aim is not None
         if alone.file.size <= self._limit and not is_closer:
             return dataclasses.replace(alone, fitted=fitted.after(both.fitted, reason))
-        fitted = both.fitted.after(fitted, both.fitted.stop_reason)
-        corrections = both.corrections + alone.corrections
-        return dataclasses.replace(both, found=trial.found, fitted=fitted, corrections=corrections)
+        reason, goal = both.fitted.stop_reason, self._plan.goal
+        reason = "cap" if reason == "gaussians" and goal.count is None else reason
+        # Shapes alone may reach a target that is missed with areas.
+        is_open = aim is not None and not (goal.is_limited or self._plan.prefers_areas)
+        return dataclasses.replace(
+            both, found=trial.found, fitted=both.fitted.after(fitted, reason),
+            corrections=both.corrections + alone.corrections,
+            unsure=is_open and not aim.is_met_by(both.file.score),
+        )  # fmt: skip
 
     def _decode(self) -> None:
         """Take out of the picture what JPEG and a filter changed, as its areas tell."""

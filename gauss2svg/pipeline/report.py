@@ -228,6 +228,8 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
     if aim is not None and not aim.is_met_by(outcome.file.score):
         reported = reason not in (aim.of.option, "interrupted")
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
+        if reason == "cap":
+            ended = f", stopped at {len(outcome.file.scene):,} shapes, the most for this picture"
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
         yield f"target of {target} not reached: {sign * outcome.file.score:.2f}{unit}{ended}"

@@ -307,6 +307,19 @@ def test_a_target_is_met_by_areas_alone_if_they_can_and_by_gaussians_if_not(
     assert (report["gaussians"] > 0) == needs_gaussians
 
 
+def test_a_target_that_is_missed_with_areas_is_met_by_shapes_alone():
+    report = vectorize(DRAWING, target_psnr=44).report
+    assert (report["stop_reason"], report["unreached"], report["area_count"]) == (
+        "target_psnr",
+        [],
+        0,
+    )
+    kept = vectorize(DRAWING, target_psnr=60, areas="always").report
+    assert kept["area_count"] > 0
+    assert kept["gaussians"] <= 1000
+    assert "shapes, the most for this picture" in kept["unreached"][0]
+
+
 def test_a_run_that_is_stopped_while_it_fits_gaussians_keeps_its_areas():
     phases, states = [], []
 
