@@ -309,11 +309,8 @@ def test_a_target_is_met_by_areas_alone_if_they_can_and_by_gaussians_if_not(
 
 def test_a_target_that_is_missed_with_areas_is_met_by_shapes_alone():
     report = vectorize(DRAWING, target_psnr=44).report
-    assert (report["stop_reason"], report["unreached"], report["area_count"]) == (
-        "target_psnr",
-        [],
-        0,
-    )
+    assert (report["stop_reason"], report["unreached"]) == ("target_psnr", [])
+    assert report["area_count"] == 0
     kept = vectorize(DRAWING, target_psnr=60, areas="always").report
     assert kept["area_count"] > 0
     assert kept["gaussians"] <= 1000
@@ -407,7 +404,7 @@ def test_gaussians_are_tried_where_the_error_is_wider_than_edges(is_soft):
         light = np.exp(-(distance**2) / 200) if is_soft else distance < 0.8
         picture += (0.4 * light[..., None]).astype("f4")
     plan = dataclasses.replace(Plan(Options()), has_areas=True, rate=RATE)
-    subject = Subject.of(picture)
+    subject = Subject(picture, picture, picture.shape[1::-1])
     trials = Trials(plan, subject, Exporter(plan, subject), lambda: False)
     page = Area((Outline(((0, 0), (64, 0), (64, 64), (0, 64)), (False,) * 4),), (0.5,) * 3)
     found = dataclasses.replace(nothing(picture), areas=(page,), background=(0.5,) * 3)
