@@ -256,6 +256,13 @@ def test_areas_of_the_background_colour_are_no_second_colour(markup):
     np.testing.assert_array_equal(rasterize(own, 80, 60), rasterize(plain, 80, 60))
 
 
+def test_the_usual_title_says_whether_the_file_has_areas():
+    scene = random_scene(3)
+    photo, drawing = (write_svg(one) for one in (scene, scene.replace(areas=random_areas(3, 2))))
+    assert "<title>Vectorised photo</title>" in photo
+    assert "<title>Vectorised drawing</title>" in drawing
+
+
 @pytest.mark.parametrize(("page", "is_left_out"), [((1, 1, 1), True), ((0.9, 0.9, 1), False)])
 def test_an_icon_on_white_is_drawn_without_its_page(page, is_left_out):
     areas = [dataclasses.replace(a, paint=(0.8, 0.2, 0.0)) for a in random_areas(3, 2)]
