@@ -166,11 +166,11 @@ class ByAreas:
         reason, goal = both.fitted.stop_reason, self._plan.goal
         reason = "cap" if reason == "gaussians" and goal.count is None else reason
         # Shapes alone may reach a target that is missed with areas.
-        is_open = aim is not None and not (goal.is_limited or self._plan.prefers_areas)
+        is_open = not (goal.is_limited or self._plan.prefers_areas)
         return dataclasses.replace(
             both, found=trial.found, fitted=both.fitted.after(fitted, reason),
             corrections=both.corrections + alone.corrections,
-            unsure=is_open and not aim.is_met_by(both.file.score),
+            unsure=is_open and aim is not None and not aim.is_met_by(both.file.score),
         )  # fmt: skip
 
     def _decode(self) -> None:
