@@ -24,6 +24,8 @@ from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, on_one_lin
 from gauss2svg.options import file_name
 from gauss2svg.photo import SUFFIXES
 
+STATE = "gauss2svg-batch"  # folder in the output folder, for the table, the options and the marks
+
 
 class _Local:
     """Access to local files, by functions with the same names as in a file system of fsspec."""
@@ -146,8 +148,9 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
         elif is_url(source):
             yield from _photos_at_url(fs, path, source)
         elif os.path.isdir(source):
-            for path in _pictures(source):
-                yield path, os.path.relpath(path, source)
+            for path in _files(source):
+                if path.lower().endswith(SUFFIXES):
+                    yield path, os.path.relpath(path, source)
         elif files.is_pattern(source):
             for path in sorted(glob.glob(source, recursive=True)):
                 if not os.path.isdir(path):
@@ -175,8 +178,21 @@ def _photos_of_list(data: bytes, name: str) -> Iterator[tuple[str, str]]:
             yield path, "/".join(parts) or path
 
 
-def _pictures(root: str) -> Iterator[str]:
-    """Yield the paths of the photos in a folder and in its subfolders, except for hidden ones.
+def passed_over(sources: Iterable[str]) -> str:
+    """Return a line on the files in folders that do not have the suffix of a photo, or ""."""
+    folders = [source for source in sources if os.path.isdir(source)]
+    # The files of a batch may be in the same folder as its photos.
+    known = (*SUFFIXES, *files.SVG_ENDINGS)
+    paths = [
+        path for folder in folders for path in _files(folder)
+        if not path.lower().endswith(known) and STATE not in Path(path).parts
+    ]  # fmt: skip
+    endings = ", ".join(sorted({os.path.splitext(path)[1].lower() or "none" for path in paths}))
+    return f"{len(paths):,} file{'s' * (len(paths) != 1)} passed over: {endings}" * bool(paths)
+
+
+def _files(root: str) -> Iterator[str]:
+    """Yield the paths of the files in a folder and in its subfolders, except for hidden ones.
 
     Links to folders are not followed.
     """
@@ -186,7 +202,8 @@ def _pictures(root: str) -> Iterator[str]:
 
     for folder, folders, names in os.walk(root, onerror=failed):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        yield from (os.path.join(folder, name) for name in sorted(names) if is_picture(name))
+        visible = (name for name in sorted(names) if not name.startswith("."))
+        yield from (os.path.join(folder, name) for name in visible)
 
 
 def _photos_at_url(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:

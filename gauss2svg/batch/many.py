@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from gauss2svg import errors
 from gauss2svg.batch import BatchOptions
-from gauss2svg.batch.inputs import file_system_of, is_url, photos_of, write
+from gauss2svg.batch.inputs import STATE, file_system_of, is_url, passed_over, photos_of, write
 from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, as_json, reason_of
 from gauss2svg.options import Field, fields_of, file_name
@@ -45,7 +45,6 @@ from gauss2svg.version import __version__
 if TYPE_CHECKING:
     from distributed import Client
 
-STATE = "gauss2svg-batch"  # folder in the output folder, for the table, the options and the marks
 TABLE = f"{STATE}/table.csv"
 MARKS = f"{STATE}/marks"  # folder of the marks
 # The kernels must not be called by several threads of a process, which a worker of Dask may have.
@@ -180,7 +179,7 @@ class Batch:
         may_reduce = options.run.max_memory is not None
         self._spec = BatchSpec(options, root, identity, may_reduce)
         self._photos = self._listed(names)
-        self.summary = Summary(len(self._photos))
+        self.summary = Summary(len(self._photos), passed_over(names))
         described = as_json({"gauss2svg": __version__, "options": options.flat()})
         write(root, f"{STATE}/options-{identity}.json", described)
 
@@ -309,8 +308,8 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
 class Summary:
     """Counts of the photos of a batch: all, and those done, skipped, failed and sketched so far."""
 
-    def __init__(self, count: int) -> None:
-        self.count = count
+    def __init__(self, count: int, passed_over: str = "") -> None:
+        self.count, self._passed_over = count, passed_over
         self.total = self.done = self.skipped = self.failed = self.sketches = 0
         self._failures: list[str] = []  # lines about the first five photos that failed
         self._begun = time.monotonic()
@@ -338,7 +337,11 @@ class Summary:
         if self.sketches:
             as_they_are = "To compare photos, sort by psnr_photo, or give --areas never"
             yield f"{self.sketches:,} drawn as sketches, without their paper. {as_they_are}"
+        if self._passed_over:
+            yield self._passed_over
         yield from self._failures
+        if more := self.failed - len(self._failures):
+            yield f"and {more:,} more"
 
 
 Photo = tuple[str, str]  # path or URL of a photo, and the name of its output

@@ -239,13 +239,13 @@ def _check_together(options: Options, extras: Files, output: str) -> None:
     Also raise it if --cut needs a package that is not installed.
     """
     inks, plates = options.fit.inks, extras.separations
+    targets, needed = plates or extras.outline, "with --inks 3 and --separations cut.svg"
     two_streams = extras.prints_report and output == STANDARD_STREAM
     rules = [
         (two_streams, "--report", "with a file if -o is standard output"),
         (extras.outline and options.written_blend == ADD, "--outline", f"without --blend {ADD}"),
         (plates and inks is None, "--separations", "with --inks 3"),
-        (extras.cut and inks is None, "--cut", "with --inks 3"),
-        (extras.cut and not (plates or extras.outline), "--cut", "with --separations cut.svg"),
+        (extras.cut and (inks is None or not targets), "--cut", needed),
         (extras.trap and not extras.cut, "--trap", "with --cut"),
         (extras.marks and not plates, "--marks", "with --separations plate.svg"),
     ]

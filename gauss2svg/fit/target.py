@@ -340,7 +340,12 @@ def _by_function(
     if the gradient has not the shape of the render, or if a number is not finite.
     """
     pictures = [np.ascontiguousarray(np.moveaxis(one, 0, -1)) for one in (rendered, target)]
-    returned = loss(*pictures)
+    advice = "torch_loss(function) for a loss of tensors"
+    try:
+        returned = loss(*pictures)
+    except (AttributeError, TypeError) as error:
+        error.add_note(f"The loss got arrays of NumPy. Try {advice}")
+        raise
     try:
         value, slope = returned
         value, slope = float(value), np.asarray(slope, rendered.dtype)
@@ -350,7 +355,7 @@ def _by_function(
     if not is_usable or slope.shape != pictures[0].shape:
         needed = f"a function that returns a loss >= 0 and its finite gradient {pictures[0].shape}"
         got = f"{type(returned).__name__}, loss {value:g}, gradient {slope.shape}"
-        raise refusal("loss", needed, got, "torch_loss(function) for a loss of tensors")
+        raise refusal("loss", needed, got, advice)
     return value, np.ascontiguousarray(np.moveaxis(slope, -1, 0)) * rendered.dtype.type(slope.size)
 
 

@@ -52,6 +52,10 @@ STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the 
 # the bytes, as after a tracer.
 FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
+_ANEW = (
+    "the start differs from the picture, so its areas were found anew, and edits may be lost. Edit "
+    "the file of this run, or give the picture that the edit shows"
+)
 
 
 class _StoppedError(Exception):
@@ -101,7 +105,7 @@ class ByAreas:
         self._start = None if start is None else scaled_to(start, subject.size)
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
-        self._is_cut = self._is_late = False
+        self._is_cut = self._is_late = self._is_anew = False
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
         self._so_far: FoundAreas | None = None  # areas before the picture was drawn in inks
@@ -116,17 +120,18 @@ class ByAreas:
         If the file of a start is closer than what is made of it, that is returned.
         """
         outcome = self._search()
-        unsure, psnr = self._is_lost, self._psnr(outcome)
+        unsure, psnr = self._is_lost or outcome.unsure, self._psnr(outcome)
         is_limited = self._limit < math.inf or self._plan.aim is not None
         # With a time limit, no time is left for two searches, and a preset asks for no more.
         enough = math.inf if is_limited else self._plan.preset.stop_psnr - ENOUGH.too_little
         if psnr < enough and not (unsure or self._plan.goal.time_limit or self._run.ended):
             unsure = self._trials.shapes_win(outcome.file.size, self._trials.error_at(psnr))
-        outcome = dataclasses.replace(outcome, unsure=unsure)
+        notes = (_ANEW,) if self._is_anew else ()
+        outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
             return outcome
         fitted, raster = outcome.fitted.after(None, "start"), self._exporter.raster(file.svg)
-        own = dataclasses.replace(outcome, file=file, raster=raster, fitted=fitted)
+        own = dataclasses.replace(outcome, file=file, raster=raster, fitted=fitted, notes=())
         return max(outcome, own, key=attrgetter("psnr"))
 
     def _search(self) -> Outcome:
@@ -151,16 +156,22 @@ class ByAreas:
         start = subject.start
         start = None if start is None else start.select(start.level == ABOVE) or None
         above = dataclasses.replace(subject, ground=trial.ground, start=start)
-        if (most := self._trials.most) < math.inf:
-            options = plan.options.changed(gaussians=int(most) - len(trial.ground))
+        if (most := self._trials.most_above(trial)) < math.inf:
+            options = plan.options.changed(gaussians=int(most))
             plan = dataclasses.replace(plan, options=options)
         both = ByCount(plan, above, run).run()
         is_closer = self._psnr(both) >= self._psnr(alone) + 0.02 or aim is not None
         if alone.file.size <= self._limit and not is_closer:
             return dataclasses.replace(alone, fitted=fitted.after(both.fitted, reason))
-        fitted = both.fitted.after(fitted, both.fitted.stop_reason)
-        corrections = both.corrections + alone.corrections
-        return dataclasses.replace(both, found=trial.found, fitted=fitted, corrections=corrections)
+        reason, goal = both.fitted.stop_reason, self._plan.goal
+        reason = "cap" if reason == "gaussians" and goal.count is None else reason
+        # Shapes alone may reach a target that is missed with areas.
+        is_open = not (goal.is_limited or self._plan.prefers_areas)
+        return dataclasses.replace(
+            both, found=trial.found, fitted=both.fitted.after(fitted, reason),
+            corrections=both.corrections + alone.corrections,
+            unsure=is_open and aim is not None and not aim.is_met_by(both.file.score),
+        )  # fmt: skip
 
     def _decode(self) -> None:
         """Take out of the picture what JPEG and a filter changed, as its areas tell."""
@@ -273,7 +284,7 @@ class ByAreas:
             start = start.replace(areas=first.areas)
             if model_psnr(start, self._subject.working) < SEEN_UP_TO:
                 # Much has moved, as between two frames of a film, so areas are found anew.
-                self._subject = dataclasses.replace(self._subject, start=None)
+                self._subject, self._is_anew = dataclasses.replace(self._subject, start=None), True
                 first = self._found(self._searched, first)
         self._is_lost |= self._has_strips and self._ends()
         if self._is_lost:

@@ -47,6 +47,9 @@ from gauss2svg.svg import MINIMAL
 from gauss2svg.without_scipy import nearest_entry
 
 TRIED = 24  # Gaussians of a trial, unless their number follows from a limit of bytes
+# Largest number of Gaussians above areas that a target asks for, if a trial says that they do not
+# pay. They then only repair edges, which shapes alone draw in fewer.
+MOST_ON_EDGES = 1000
 # If the PSNR in dB between a drawing and its file is less than this, people can see differences at
 # the drawing's own size (docs/decisions/areas.md).
 SEEN_UP_TO = 41.0
@@ -177,9 +180,17 @@ class Trials:
 
     def wants_gaussians(self, trial: Trial) -> bool:
         """Return whether Gaussians are fitted above the areas of a trial."""
-        if len(trial.ground) >= self.most:
-            return False
-        return self._plan.aim is not None or trial.saved > TRIED * self._price
+        return self.most_above(trial) > 0 and (self._plan.aim is not None or self._pays(trial))
+
+    def most_above(self, trial: Trial) -> float:
+        """Return the largest number of Gaussians above the areas of a trial."""
+        most = self.most - len(trial.ground)
+        if self._pays(trial) or self._subject.start is not None:
+            return most
+        return min(most, MOST_ON_EDGES)
+
+    def _pays(self, trial: Trial) -> bool:
+        return trial.saved > TRIED * self._price
 
     def blank(self) -> Trial:
         """Return no areas and no Gaussians."""

@@ -298,6 +298,7 @@ class Outcome:
     corrections  number of times that the number of Gaussians was changed after the fit
     found        areas on the working canvas, with the costs of finding them. None without areas
     unsure       whether shapes alone may be closer than the areas of this outcome
+    notes        notes on the search
     """
 
     plan: Plan
@@ -308,6 +309,7 @@ class Outcome:
     corrections: int
     found: FoundAreas | None = None
     unsure: bool = False
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def psnr(self) -> float:

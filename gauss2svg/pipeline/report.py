@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from gauss2svg.measure import SCORES, Scores, decibels
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import paint_ms, round_trip, shown_width
+from gauss2svg.options import flag_of
 from gauss2svg.photo.pixels import Photo, over, pixels_of, shrunk
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.processes import held_bytes
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import ink_colors, ink_name, inks_in, oklab, printed_colors
 from gauss2svg.svg import CURRENT_COLOR, MINIMAL
@@ -94,7 +95,7 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
         "paint_ms": paint_ms(file.scene, svg, shown),
         "paint_width": shown,
         "transparent": photo.alpha is not None,
-        "notes": [*photo.notes, *_notes(plan, photo, outcome, psnr_photo)],
+        "notes": [*photo.notes, *outcome.notes, *_notes(plan, photo, outcome, psnr_photo)],
         # The digest of the shape of the pixels as text, and of their float32 bytes.
         "pixels_sha256": digest.hexdigest(),
         # The digest of the options that change a file, as JSON with sorted names.
@@ -172,10 +173,14 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
             "layers. For Inkscape, Figma and other editors give --markup editable"
         )
     if plan.options.svg.current_color and CURRENT_COLOR not in outcome.file.svg:
-        yield (
-            "--current-color has no effect, because the file has Gaussians, more than one colour, "
-            "or a background, which counts as a colour. Try --areas always, or cut it out first"
-        )
+        many = "more than one colour. Try --inks 2"
+        why = "Gaussians. Try --areas always" if len(scene) else many
+        yield f"--current-color has no effect, because the file has {why}"
+    if (layered := plan.options.document.layered) and not (scene.level == ABOVE).any():
+        names = " and ".join(map(flag_of, layered))
+        have = "have" if len(layered) > 1 else "has"
+        why = "because the file has no rounds of soft shapes. Try --areas never"
+        yield f"{names} {have} no effect, {why}"
     if plan.sketch:
         yield (
             "drawn as a sketch: one ink on paper of one colour. The match is that with the sketch "
@@ -223,6 +228,8 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
     if aim is not None and not aim.is_met_by(outcome.file.score):
         reported = reason not in (aim.of.option, "interrupted")
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
+        if reason == "cap":
+            ended = f", stopped at {len(outcome.file.scene):,} shapes, the most for this picture"
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
         yield f"target of {target} not reached: {sign * outcome.file.score:.2f}{unit}{ended}"

@@ -81,6 +81,10 @@ class Outline:
                 f"least one segment; got {len(points)}"
             )
 
+    def __repr__(self) -> str:
+        kind = "closed" if self.closed else "open"
+        return f"<gauss2svg.Outline {kind}, {len(self.points)} points>"
+
     @property
     def segments(self) -> NDArray[np.float64]:
         """Control points (k, 4, 2) of the segments. A line repeats each of its two ends."""
@@ -237,6 +241,9 @@ class Area:
             raise SceneError(f"cap of a line must be one of {', '.join(CAPS)}; got {self.cap!r}")
         if self.width == 0 and not all(outline.closed for outline in outlines):
             raise SceneError("outlines of a filled area must be closed; got an open one. Try width")
+
+    def __repr__(self) -> str:
+        return f"<gauss2svg.Area {AreaCounts.of([self])}>"
 
     @property
     def is_line(self) -> bool:

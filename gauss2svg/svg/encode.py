@@ -63,7 +63,16 @@ from gauss2svg.scene.falloff import (
     drawn_radius,
     half_radius,
 )
-from gauss2svg.svg import CANVAS, INKS, Document, SvgFormat, element, round_id, signed
+from gauss2svg.svg import (
+    CANVAS,
+    DEFAULT_TITLE,
+    INKS,
+    Document,
+    SvgFormat,
+    element,
+    round_id,
+    signed,
+)
 from gauss2svg.svg.element import Element, Floats, hex_color, number, short_id, unless
 from gauss2svg.svg.forms import BLURS, CLEAR, Blur, as_written, gradient_stops, nearest_blurs
 from gauss2svg.version import __version__
@@ -120,7 +129,9 @@ def document_svg(
     svg.update({"role": "img", **root})
     counts = [areas] * bool(areas) + [f"{gaussians} Gaussians"] * (gaussians > 0 or not areas)
     usual = f"{' and '.join(counts)}, fitted and written by gauss2svg {__version__}"
-    svg.set_desc(title=document.title, desc=document.alt or usual)
+    is_drawing = areas and document.title == DEFAULT_TITLE
+    title = "Vectorised drawing" if is_drawing else document.title
+    svg.set_desc(title=title, desc=document.alt or usual)
     head, _, end = svg.tostring().partition("<defs />")
     if document.alt:  # then the description does not say by which program the file was written
         head = signed(head)

@@ -102,7 +102,9 @@ def _decoded(data: bytes, name: str) -> str:
         return data.decode(encoding)
     except ValueError as error:
         needed = f"an SVG in {encoding[:40]}"
-        raise refusal(name, needed, brief(error), "to save it as UTF-8") from error
+        pictures = {b"\x89PNG": "a PNG picture", b"\xff\xd8\xff": "a JPEG picture"}
+        got = next((pictures[start] for start in pictures if data.startswith(start)), brief(error))
+        raise refusal(name, needed, got, "to save it as SVG in UTF-8") from error
 
 
 def from_root(text: str) -> str:

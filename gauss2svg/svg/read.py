@@ -199,8 +199,10 @@ class _Reader:
         if space + "}" != SVG or tag in _SILENT:
             return  # an element of another namespace or with a tag in _SILENT draws nothing
         with _naming(element):
-            if tag not in _GROUPS | _SHAPES or parent.depth > _DEEPEST:
-                needed = f"paths and plain shapes alone, in groups of at most {_DEEPEST}"
+            is_drawn = tag in _GROUPS | _SHAPES
+            if not is_drawn or parent.depth > _DEEPEST:
+                deep = f"in at most {_DEEPEST} groups, and in no other shape"
+                needed = deep if is_drawn else "paths and plain shapes alone"
                 advice = "to delete it, or to convert it to paths"
                 raise refusal("elements", needed, brief(tag), advice)
             attributes = styled(element)

@@ -80,7 +80,7 @@ def ordered_svg(
     """
     if svg_format.current_color:
         plain_format = dataclasses.replace(svg_format, current_color=False)
-        return _in_current_color(ordered_svg(scene, plain_format, document, masked), scene)
+        return _in_current_color(scene, plain_format, document, masked)
     is_minimal, is_additive = svg_format.markup == MINIMAL, scene.blend == ADD
     if svg_format.form != GRADIENT and (is_minimal or is_additive):
         why = "in minimal markup" if is_minimal else "for an additive scene, whose blurs do not add"
@@ -98,18 +98,25 @@ def ordered_svg(
     return additive_svg(scene, svg_format, document)
 
 
-def _in_current_color(svg: str, scene: Scene) -> str:
+def _in_current_color(
+    scene: Scene, svg_format: SvgFormat, document: Document, masked: bool | None
+) -> str:
     """Return a file in which the only colour of a scene's areas is currentColor.
 
-    The file of a scene with other colours or with Gaussians is returned as it is.
+    A white page is left out, so that the icon shows on a dark page too. It stays if areas have its
+    colour. The file of a scene with other colours or with Gaussians is the usual one.
     """
     paints = {area.paint for area in scene.areas}
     levels = {tuple(round(255 * v) for v in paint) for paint in paints if isinstance(paint, tuple)}
-    if not scene.transparent:
-        levels.discard(tuple(round(255 * v) for v in scene.background))
+    is_clear = scene.transparent
+    if not is_clear:
+        page = tuple(round(255 * v) for v in scene.background)
+        is_clear = min(page) >= 250 and page not in levels
+        levels.discard(page)
     has_others = len(scene) or any(not isinstance(paint, tuple) for paint in paints)
     if has_others or len(levels) != 1:
-        return svg
+        return ordered_svg(scene, svg_format, document, masked)
+    svg = ordered_svg(scene.replace(transparent=is_clear), svg_format, document, masked)
     (level,) = levels
     color = hex_color(level)
     svg = re.sub(f'(fill|stroke)="{color}"', rf"\1{CURRENT_COLOR}", svg)

@@ -9,7 +9,7 @@ import pytest
 from batches import TINY_COMMAND, save_photo, save_photos
 
 from gauss2svg.batch import many
-from gauss2svg.batch.inputs import photos_of
+from gauss2svg.batch.inputs import passed_over, photos_of
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 
@@ -37,6 +37,9 @@ def folder(tmp_path, monkeypatch):
 
 def test_folders_and_patterns_give_their_pictures_but_no_hidden_ones(folder):
     assert names("in") == names("in/") == names(folder) == ["a", "b/c", "b/d/e"]
+    assert passed_over(["in", "in/*"]) == "1 file passed over: .md"
+    (folder / "README").touch()
+    assert passed_over(["in"]) == "2 files passed over: .md, none"
     # Names are relative to the part without wildcards.
     assert names("in/*.jpg", "in/b/*") == ["a", "c"]
     assert names("in/**/*.jp*g") == ["a", "b/d/e"]

@@ -138,6 +138,7 @@ MISTAKES = [
     ("PHOTO -o PHOTO", "which is also the photo"),
     ("PHOTO out.svg", "-o out.svg"),
     ("PHOTO -o OUT --trap 0.2", "--trap must be given with --cut"),
+    ("PHOTO -o OUT --cut", "--cut must be given with --inks 3 and --separations cut.svg"),
     ("PHOTO -o OUT --hatch 2", "options of plotters must be given with --plot"),
     ("PHOTO -o OUT --quality hgih", "got 'hgih'. Try high"),
     ("PHOTO -o OUT --matte redd", "#fa0 or #ffaa00; got 'redd'. Try red"),

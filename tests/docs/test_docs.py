@@ -175,6 +175,13 @@ def test_every_key_of_a_report_is_in_the_reference(photo):
     assert keys["Stop reasons"] - {"stop_reason"} == {*STOP_REASONS, *(t.option for t in TARGETS)}
 
 
+def test_every_array_of_a_scene_file_is_in_the_guide(tmp_path):
+    gauss2svg.Scene(4, 3).save(tmp_path / "scene.npz")
+    part = (DOCS / "guide" / "python.md").read_text().partition("| array |")[2]
+    with np.load(tmp_path / "scene.npz") as stored:
+        assert set(stored.files) == first_column(part.partition("\n\n")[0])
+
+
 def first_column(part: str) -> set[str]:
     """Words of code that stand in the first column of a table."""
     cells = re.findall(r"^\| (.+?) \|", part, re.MULTILINE)

@@ -59,6 +59,12 @@ def test_a_function_that_is_no_loss_is_refused(answer, message):
         fit(pixels, fit_config(3, 5, loss=lambda render, target: answer))
 
 
+def test_an_error_of_a_loss_of_tensors_says_how_it_becomes_one_of_arrays():
+    with pytest.raises(AttributeError) as caught:
+        fit(np.zeros((6, 9, 3)), fit_config(3, 5, loss=lambda render, target: render.requires_grad))
+    assert "Try torch_loss(function)" in caught.value.__notes__[0]
+
+
 def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
     noise = np.random.default_rng(0).normal(0, 1, (1, 60, 360))
     contrast = np.repeat([0.0, 0.02, 0.06, 0.12, 0.5, 1.0], 60)

@@ -30,6 +30,8 @@ SHAPES = """<circle cx="40" cy="44" r="28" fill="#c0322c"/><circle cx="40" cy="4
 fill="#fff"/><path d="M70 20h44v50z" fill="#17324d"/><path d="M12 108c30-30 70 20 104-14"
 fill="none" stroke="#084" stroke-width="3"/>"""
 FRAME = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 128 128">{}</svg>'
+SQUARE = Outline(((9, 9), (99, 9), (99, 99), (9, 99)), (False,) * 4)
+OTHER = Scene(SIDE, SIDE, areas=[Area([SQUARE], (0.8, 0.2, 0.2))])
 OPAQUE = FRAME.format(f'<path fill="#fff" d="M0 0h128v128H0z"/>{SHAPES}')
 DRAWING = rasterize(OPAQUE, SIDE, SIDE)
 CLEAR = rasterize_rgba(FRAME.format(SHAPES), SIDE, SIDE)
@@ -247,6 +249,23 @@ def test_a_drawing_with_a_photo_in_it_has_ellipses_in_inks():
 
 
 @pytest.mark.parametrize(
+    ("picture", "given", "said"),
+    [
+        (DRAWING, {"animate": 4, "fragments": True}, "--animate and --fragments have no effect"),
+        (GLOWS, {"animate": 4}, "--animate has no effect, because the file has no rounds"),
+        (DRAWING, {"start": OTHER}, "differs from the picture, so its areas were found anew"),
+        (DRAWING, {"current_color": True}, "the file has more than one colour. Try --inks 2"),
+        (GLOWS, {"current_color": True}, "the file has Gaussians. Try --areas always"),
+        (DRAWING, {"current_color": True, "inks": 2}, ""),
+    ],
+)
+def test_an_option_that_has_no_effect_is_a_note(picture, given, said):
+    notes = vectorize(picture, **given).report["notes"]
+    assert len(notes) == bool(said)
+    assert said in "".join(notes)
+
+
+@pytest.mark.parametrize(
     ("picture", "target", "needs_gaussians"),
     [(DRAWING, 30, False), (GLOWS, 36, True)],
     ids=["flat", "glows"],
@@ -259,6 +278,16 @@ def test_a_target_is_met_by_areas_alone_if_they_can_and_by_gaussians_if_not(
     assert report["psnr_svg"] >= target
     assert report["area_count"] > 0
     assert (report["gaussians"] > 0) == needs_gaussians
+
+
+def test_a_target_that_is_missed_with_areas_is_met_by_shapes_alone():
+    report = vectorize(DRAWING, target_psnr=44).report
+    assert (report["stop_reason"], report["unreached"]) == ("target_psnr", [])
+    assert report["area_count"] == 0
+    kept = vectorize(DRAWING, target_psnr=60, areas="always").report
+    assert kept["area_count"] > 0
+    assert kept["gaussians"] <= 1000
+    assert "shapes, the most for this picture" in kept["unreached"][0]
 
 
 def test_a_run_that_is_stopped_while_it_fits_gaussians_keeps_its_areas():

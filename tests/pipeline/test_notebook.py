@@ -32,6 +32,7 @@ def test_a_scene_shows_its_name_and_its_picture_which_is_small_at_any_size():
     assert "transparent" in repr(gauss2svg.Scene(4, 3, transparent=True))
     assert psnr(shown(scene._repr_html_()), render(scene)) > 30
     drawing = scene.replace(areas=random_areas(3, 1))
+    assert len(repr(drawing.areas)) < 200
     assert psnr(shown(drawing._repr_html_()), render(drawing)) > 28
     assert shown(scene.scaled(1e6, 2e6)._repr_html_()).shape == (768, 512, 3)
 

@@ -187,7 +187,7 @@ def test_the_same_area_however_an_editor_writes_it(area, body):
 )
 def test_a_drawing_of_one_colour_has_it_at_the_root_alone(markup, color, clear):
     areas = [dataclasses.replace(a, paint=color, opacity=1) for a in random_areas(6, 2)]
-    scene = Scene(40, 30, areas=areas, transparent=clear)
+    scene = Scene(40, 30, areas=areas, background=(0.9, 0.9, 0.9), transparent=clear)
     plain, own = (
         write_svg(scene, SvgFormat(markup=markup, current_color=is_own), Document(title="Icon"))
         for is_own in (False, True)
@@ -207,6 +207,32 @@ def test_a_drawing_of_one_colour_has_it_at_the_root_alone(markup, color, clear):
     two = scene.replace(areas=[*areas[:-1], dataclasses.replace(areas[-1], paint=(0, 1, 0))])
     svg_format = SvgFormat(markup=markup, current_color=True)
     assert write_svg(two, svg_format) == write_svg(two, SvgFormat(markup=markup))
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_areas_of_the_background_colour_are_no_second_colour(markup):
+    paints = [(0.8, 0.2, 0.0), (1.0, 1.0, 1.0)]
+    areas = [dataclasses.replace(a, paint=paints[k % 2]) for k, a in enumerate(random_areas(6, 2))]
+    scene = Scene(40, 30, areas=areas, background=(1, 1, 1))
+    own = write_svg(scene, SvgFormat(markup=markup, current_color=True))
+    assert "currentColor" in own
+    assert not read_svg(own).transparent  # a white area would show on another page
+    plain = write_svg(scene, SvgFormat(markup=markup))
+    np.testing.assert_array_equal(rasterize(own, 80, 60), rasterize(plain, 80, 60))
+
+
+def test_the_usual_title_says_whether_the_file_has_areas():
+    scene = random_scene(3)
+    photo, drawing = (write_svg(one) for one in (scene, scene.replace(areas=random_areas(3, 2))))
+    assert "<title>Vectorised photo</title>" in photo
+    assert "<title>Vectorised drawing</title>" in drawing
+
+
+@pytest.mark.parametrize(("page", "is_left_out"), [((1, 1, 1), True), ((0.9, 0.9, 1), False)])
+def test_an_icon_on_white_is_drawn_without_its_page(page, is_left_out):
+    areas = [dataclasses.replace(a, paint=(0.8, 0.2, 0.0)) for a in random_areas(3, 2)]
+    scene = Scene(40, 30, areas=areas, background=page)
+    assert read_svg(write_svg(scene, SvgFormat(current_color=True))).transparent == is_left_out
 
 
 @pytest.mark.parametrize("kind", ["editable", "masks", "style sheet"])

@@ -216,7 +216,7 @@ DEFS = (
 )
 # What is in the place of the shape, and the line.
 REFUSED = {
-    '<text id="t">a</text>': '<text id="t">: elements must be paths .* Try .* to convert it',
+    '<text id="t">a</text>': '<text id="t">: .* must be paths and plain shapes alone; got text',
     '<g id="g"/><use href="#g"/>': "its reference must be to a circle",
     '<g clip-path="url(#x)"/>': "its clip-path",
     "<style>#a rect{mix-blend-mode:difference}</style>": "whose blend is 'over'.*--save-scene",
@@ -232,7 +232,7 @@ REFUSED = {
     "<style>g,svg>g:target~g{display:none}</style>": "the style sheet must be",
     '<circle r="1" style="fill:red!important;fill:blue"/>': "without escapes and !important",
     '<svg viewBox="0 0 9 9"/>': "its viewBox must be none; got '0 0 9 9'",
-    "<g>" * 200 + "</g>" * 200: "in groups of at most 100",
+    "<g>" * 200 + "</g>" * 200: "elements must be in at most 100 groups",
     f'<circle r="9" mask="url(#a)" {STROKE}/>': "its mask must be none",
     f'<path opacity=".5" stroke="#000" {FILL}/>': "its opacity must be 1 with both a fill and a",
     f'<g clip-path="url(#part)"><path {FILL}/></g>': "its clip-path must be .* got 'url.#part.'",

@@ -147,6 +147,9 @@ def test_source_is_read_in_its_encoding_up_to_its_limits():
         with pytest.raises(InputError, match="complete gzip file"):
             read_source(broken, 1000)
     # expat would take null characters for UTF-16 and see elements that no renderer of the text does
+    for kind in ("PNG", "JPEG"):
+        with pytest.raises(InputError, match=f"got a {kind} picture"):
+            read_source(encoded(Image.new("RGB", (8, 8)), kind), 10_000)
     with pytest.raises(InputError, match="without null characters"):
         sized_svg(read_source(svg.encode("utf-16-le"), 10_000)[1], 8, 8, "resvg", 99)
 
