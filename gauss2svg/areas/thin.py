@@ -11,6 +11,7 @@ explains them.
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -203,8 +204,9 @@ def _add_hairlines(regions: Regions) -> None:
     number = paint_numbers(paints)
     main, other = number[largest], number[second]
     is_faint = (share > 0.06) & (share < 0.4) & (cores < 0) & (inside_of(main, 3) >= 0)
-    for k in np.unique(other[is_faint]):
-        is_faint &= (other != k) | ~dilated(main == k, 2)
+    (height, width), around = main.shape, np.pad(main, 2, constant_values=-1)
+    for y, x in itertools.product(range(5), repeat=2):
+        is_faint &= around[y : y + height, x : x + width] != other
     part, boxes = parts_of(dilated(is_faint))
     flat = [paint for paint in dict.fromkeys(paints) if not paint.is_shaded]
     for q, tight in enumerate(boxes, 1):
@@ -214,7 +216,8 @@ def _add_hairlines(regions: Regions) -> None:
         ground = paints[np.bincount(largest[at]).argmax()]
         strength = ((pixels[at] - ground.at(*at[::-1])) ** 2).sum(axis=1)
         color = np.median(pixels[at][strength >= np.percentile(strength, 75)], axis=0)
-        same = [paint for paint in flat if _differences(color, paint) <= SAME_COLOR]
+        others = (paint for paint in flat if paint is not ground)
+        same = [paint for paint in others if _differences(color, paint) <= SAME_COLOR]
         paint = min(same or [Paint(color)], key=lambda paint: _differences(color, paint))
         at = pixels_of((part[tight] == q) & (cores[tight] < 0), tight)
         mixture = _mixture(pixels, at, paint, ground)

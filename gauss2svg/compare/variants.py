@@ -154,7 +154,7 @@ def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[V
         by_text |= {variant.label.replace(" ", ":"): [variant] for variant in variants}
         by_text[tool] = variants[:most]
     chosen: dict[Variant, None] = {}  # used as an ordered set
-    for text in texts:
+    for text in sequence("peers", texts):
         label, equals_sign, files = str(text).partition("=")
         if equals_sign:
             is_taken = label in {TOOL, *PEERS, *PRESETS, *(one.tool for one in chosen)}
@@ -191,7 +191,7 @@ def variants_of(
     """
     if presets is None and counts is None and not axes:
         presets = ("draft", "balanced", "high")
-    lists = {"quality": [*(presets or ())], "gaussians": [*(counts or ())]}
+    lists = {"quality": sequence("variants", presets), "gaussians": sequence("counts", counts)}
     grids = [{name: values} for name, values in lists.items() if values]
     others, absent = peer_variants(peers, 1)
     for variant in others:
@@ -233,10 +233,12 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     InputError for an unknown axis or an invalid value.
     """
     axes: dict[str, tuple[Any, ...]] = {}
+    # Other values of these two options need programs that may not be installed, such as a browser.
+    usual = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
     for text in texts:
         name, equals_sign, listed = text.partition("=")
         axis = _axis(name := name.strip().replace("-", "_"))
-        values = _parsed(axis, listed) if equals_sign else axis.choices
+        values = _parsed(axis, listed) if equals_sign else usual.get(name, axis.choices)
         axes[name] = axes.get(name, ()) + values
     return axes
 
@@ -260,7 +262,7 @@ def settings_of(*grids: Mapping[str, Sequence[Any]]) -> list[Settings]:
         columns = []
         for name, values in grid.items():
             axis = _axis(name := name.replace("-", "_"))
-            columns.append([(name, axis.checked(value)) for value in values])
+            columns.append([(name, axis.checked(value)) for value in sequence(axis.name, values)])
             if not columns[-1]:
                 raise refusal(axis.name, "given with values", "none", f"--axis {name}=VALUE,VALUE")
         combinations |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
@@ -270,6 +272,13 @@ def settings_of(*grids: Mapping[str, Sequence[Any]]) -> list[Settings]:
         except Gauss2SvgError as error:
             raise InputError(f"axes: {error}") from error
     return list(combinations)
+
+
+def sequence(name: str, values: Any) -> list[Any]:
+    """Return the values of an argument as a list. Raise InputError for text and other objects."""
+    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable | None):
+        raise refusal(name, "a sequence", quoted(values), f"[{quoted(values)}]")
+    return [] if values is None else list(values)
 
 
 def _axis(name: str) -> Field:

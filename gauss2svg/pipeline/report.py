@@ -172,7 +172,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
             "the file is in minimal markup, which is closer in as few bytes but has no names or "
             "layers. For Inkscape, Figma and other editors give --markup editable"
         )
-    if plan.options.svg.current_color and CURRENT_COLOR not in outcome.file.svg:
+    has_color = is_empty or CURRENT_COLOR in outcome.file.svg
+    if plan.options.svg.current_color and not has_color:
         many = "more than one colour. Try --inks 2"
         why = "Gaussians. Try --areas always" if len(scene) else many
         yield f"--current-color has no effect, because the file has {why}"

@@ -190,7 +190,7 @@ class Gradient(NamedTuple):
         ramp = {"offsets": tuple(np.maximum.accumulate(offsets).tolist()), "colors": colors}
         if values.get("gradientUnits", "objectBoundingBox") == "objectBoundingBox":
             points = np.concatenate(polygons_of(tuple(own)))
-            (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
+            (left, top), (right, bottom) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
             onto @= Affine(right - left, 0.0, 0.0, bottom - top, left, top)
             box = {"x1": "0", "y1": "0", "x2": "1", "y2": "0", "cx": ".5", "cy": ".5", "r": ".5"}
             shares = {n: _share(values.get(n, share)) for n, share in box.items()}
@@ -214,6 +214,8 @@ class Gradient(NamedTuple):
             raise refusal("its gradient", "longer than 0", "another")
         u = (onto.d * across - onto.b * down) / det
         v = (onto.a * down - onto.c * across) / det
+        if not u * u + v * v:  # the map is too large for numbers
+            raise refusal("its gradient", "of usual size", "another")
         scale, (x, y) = squared / (u * u + v * v), onto.at(x1, y1)
         return LinearGradient(**ramp, start=(x, y), end=(x + scale * u, y + scale * v))
 

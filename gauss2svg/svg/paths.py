@@ -31,7 +31,7 @@ _COUNTS = {"M": 2, "L": 2, "T": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4}
 _NUMBERS = {letter: (NUMBER,) * count for letter, count in _COUNTS.items()}
 _NUMBERS |= {"A": (*(NUMBER,) * 3, "[01]", "[01]", NUMBER, NUMBER), "Z": ("(?!)",)}
 _ROWS = {letter: "".join(f"{_GAP}({one})" for one in row) for letter, row in _NUMBERS.items()}
-_PATTERNS = {k: (re.compile(row), re.compile(f"(?:{row})*+{_GAP}")) for k, row in _ROWS.items()}
+_PATTERNS = {letter: re.compile(row) for letter, row in _ROWS.items()}
 
 
 class Affine(NamedTuple):
@@ -84,11 +84,12 @@ class Affine(NamedTuple):
         Raise InputError for anything else.
         """
         one, whole = rf"{_GAP}([a-zA-Z]+)\s*+\(([^()]*+)\){_GAP}", cls()
-        # An unknown function raises KeyError. One with too many or too few values raises TypeError.
-        with suppress(KeyError, TypeError):
-            for function, values in re.findall(one, text):
-                whole @= _FUNCTIONS[function](*numbers(values, name))
-            if re.fullmatch(rf"(?:{one})*+\s*+", text):
+        # Texts that do not match as a whole would be searched from each of their characters.
+        if re.fullmatch(rf"(?:{one})*+", stripped := text.strip()):
+            # An unknown function raises KeyError, and a wrong number of values TypeError.
+            with suppress(KeyError, TypeError):
+                for function, values in re.findall(one, stripped):
+                    whole @= _FUNCTIONS[function](*numbers(values, name))
                 return whole
         raise refusal(name, "a list of matrix, translate, scale and rotate", quoted(text))
 
@@ -270,9 +271,9 @@ def _on_circle(
     They follow from the middle of the chord (SVG 2, appendix B.2). Radii that are too small grow.
     Return None for a flat arc, which is a line, and for numbers that an outline cannot have.
     """
-    values = start.real, start.imag, end.real, end.imag, *form[:2]
+    values = start.real, start.imag, end.real, end.imag, *form[:3]
     is_held = all(abs(value) <= MOST_COORDINATE for value in values)
-    if start == end or not is_held or min(map(abs, form[:2])) < 1 / MOST_COORDINATE:
+    if not is_held or min(length(end - start), *map(abs, form[:2])) < 1 / MOST_COORDINATE:
         return None
     (rx, ry), (tilt, is_large, is_sweep) = map(abs, form[:2]), form[2:]
     turn, middle = _turn(math.radians(tilt)), (start + end) / 2
@@ -299,9 +300,11 @@ def _commands(data: str) -> list[tuple[str, list[float]]]:
     if before.strip() or parts[:1] not in (["M"], ["m"]):
         return []
     for letter, text in zip(parts[::2], parts[1::2], strict=True):
-        row, rows = _PATTERNS[letter.upper()]
-        found = [list(map(float, match.groups())) for match in row.finditer(text)]
-        if not rows.fullmatch(text) or bool(found) == (letter in "Zz"):
+        row, found, end = _PATTERNS[letter.upper()], list[list[float]](), 0
+        while match := row.match(text, end):
+            found.append(list(map(float, match.groups())))
+            end = match.end()
+        if not re.fullmatch(_GAP, text[end:]) or bool(found) == (letter in "Zz"):
             return []
         commands.append((letter, found[0] if found else []))
         commands += [({"M": "L", "m": "l"}.get(letter, letter), values) for values in found[1:]]

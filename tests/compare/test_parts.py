@@ -17,7 +17,7 @@ from gauss2svg.batch.inputs import listed_photos, slug_of
 from gauss2svg.compare import chart
 from gauss2svg.compare.grid import add_row, rows_in
 from gauss2svg.compare.run import crops_of
-from gauss2svg.compare.variants import parse_axes, settings_of
+from gauss2svg.compare.variants import parse_axes, settings_of, variants_of
 from gauss2svg.errors import InputError
 from gauss2svg.measure import PSNR, SSIM
 
@@ -161,3 +161,17 @@ in_bytes, in_seconds = partial(chart.tick, unit="bytes"), partial(chart.tick, un
 def test_numbers_are_shown_so(show, value, text):
     assert show(value).replace("\N{NARROW NO-BREAK SPACE}", " ") == text
     assert " " not in show(value)  # no line break separates the unit
+
+
+def test_an_axis_without_values_has_those_that_need_no_other_program():
+    assert parse_axes(["form", "renderer"]) == {
+        "form": ("gradient",), "renderer": ("resvg", "cairo"),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"axes": {"gaussians": 500}}, {"counts": 5}, {"peers": 5}, {"presets": "draft"}]
+)
+def test_lists_of_variants_must_be_lists(wrong):
+    with pytest.raises(InputError, match="must be a sequence"):
+        variants_of(**wrong)

@@ -1,5 +1,6 @@
 """Drawings of other programs are read as they are drawn, and so are files that Inkscape saved."""
 
+import contextlib
 import shutil
 import subprocess
 from pathlib import Path
@@ -11,6 +12,7 @@ from scenes import random_scene
 from svg_texts import assert_same, document
 
 from gauss2svg.areas.scenes import with_ellipses_as_areas
+from gauss2svg.errors import InputError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
@@ -132,3 +134,19 @@ def test_shapes_moved_in_inkscape_are_moved_and_nothing_else_is(
     assert ("<ellipse" in after.read_text()) == ("filter=" not in before.read_text())
     assert (form == BLUR) == ("filter=" in before.read_text())
     assert form == BLUR or set(BETA_CLASSES) <= set(old.beta)
+
+
+SCALED = '<linearGradient id="g" gradientTransform="scale(1e200)"><stop/><stop offset="1"/>'
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<path d="M0 0a5 5 0 0 1 1e-200 0h9v9z"/>',
+        '<path d="M0 0A5 5 1e300 0 1 10 10h3z"/>',
+        f'{SCALED}</linearGradient><path fill="url(#g)" d="M0 0h9v9z"/>',
+    ],
+)
+def test_extreme_numbers_are_read_or_refused(body):
+    with contextlib.suppress(InputError):
+        read_svg(f'<svg xmlns="http://www.w3.org/2000/svg" width="20" height="20">{body}</svg>')

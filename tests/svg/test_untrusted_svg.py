@@ -167,6 +167,8 @@ HOSTILE = {
     "rules": f"{ROOT}<style>{'.a{fill:red}' * MANY}{'a,' * MANY}{'a{' * MANY}</style>",
     "selectors": f"{ROOT}<style>{'a.b#c >' * MANY}!{{fill:red}}</style>",
     "numbers": f'{ROOT}<path d="M0 0" stroke-dasharray="{"1 " * MANY}x" fill="{" " * MANY}x"/>',
+    "transforms": f'{ROOT}<path d="M0 0h9v9z" transform="{"x" * MANY}"/>',
+    "path data": f'{ROOT}<path d="M0 0h9v9{" " * MANY}x"/>',
     "prolog": f"{'<!-- -->' * MANY}{'<?a ?>' * MANY}<!DOCTYPE svg [" + '<!ENTITY a "b">' * 999,
     "chain": f"{ROOT}{CHAIN}" + "".join(f'<circle r="1" fill="url(#c{i})"/>' for i in range(2000)),
 }
