@@ -32,7 +32,7 @@ from gauss2svg.without_scipy import smoothed
 Weights = Callable[[Floats], Floats]
 ARM = 5  # points before and after a corner between which it turns
 FINE = 3  # samples of a field for each px
-SEEN = 0.2  # least share of a dot in its pixels
+DOT_SEEN = 0.2  # least share of a dot in its pixels
 LEAST_DOT, MOST_DOT = 0.5, 3.0  # px^2 of a dot, because smaller ones are noise
 
 _segment_bytes = Kernel("segment_bytes", "int float64 bool float float64")
@@ -175,7 +175,7 @@ def _dots_of(share: Floats) -> list[Floats]:
     Points and dots of small text may have less than half of each of their pixels.
     """
     dots = []
-    part, boxes = parts_of(share > SEEN)
+    part, boxes = parts_of(share > DOT_SEEN)
     for k, box in enumerate(boxes, 1):
         own = np.where(part[box] == k, share[box], 0)
         if LEAST_DOT <= (total := own.sum()) < MOST_DOT:

@@ -206,7 +206,7 @@ def _keep_dots(labels: Ints, regions: Regions) -> None:
     Points and dots of small text have a pixel or two in all.
     """
     label, share = regions.label, regions.share
-    seen = np.where(share > outlines.SEEN, share, 0)
+    seen = np.where(share > outlines.DOT_SEEN, share, 0)
     total = np.bincount(label.ravel() + 1, seen.ravel())[1:]
     total[np.unique(labels)] = 0
     small = np.flatnonzero((total >= outlines.LEAST_DOT) & (total < outlines.MOST_DOT))

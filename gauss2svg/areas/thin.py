@@ -203,6 +203,7 @@ def _add_hairlines(regions: Regions) -> None:
     share = np.take_along_axis(regions.share, order, -1)[..., 1]
     number = paint_numbers(paints)
     main, other = number[largest], number[second]
+    # Less than .06 is noise. Lines with .4 and more of their pixels are as wide as they seem.
     is_faint = (share > 0.06) & (share < 0.4) & (cores < 0) & (inside_of(main, 3) >= 0)
     (height, width), around = main.shape, np.pad(main, 2, constant_values=-1)
     for y, x in itertools.product(range(5), repeat=2):
