@@ -278,7 +278,7 @@ def textured(pixels: Floats, cores: Ints) -> Bools:
     # Where noise is faint, fewer squares are seeds, and areas are found.
     # Letters and hatching of a JPEG have no such blocks either.
     edge, even = (np.bincount(part[m], minlength=len(sizes)) for m in two_toned(pixels[..., :3]))
-    is_crisp = (edge >= 0.75 * sizes) & (even >= TWO_TONED * edge)
+    is_crisp = (edge >= 0.4 * sizes) & (even >= TWO_TONED * edge)
     names = np.flatnonzero((seed_sizes > 0.2 * sizes) & ~is_crisp)
     whole = np.isin(part, np.intersect1d(names, part[_opened(part > 0, 65)]))
     # The squares leave out corners of a part that is turned or round.

@@ -78,3 +78,17 @@ def test_the_source_explains_all_that_jpeg_changed(subsampling):
     picture = as_jpeg(PICTURE, 75, subsampling)
     assert np.array_equal(coded(PICTURE, 75, picture), picture)
     assert np.abs(decoded(picture, PICTURE, 75) - PICTURE).max() < 1 / 255
+
+
+def test_lines_on_a_shaded_ground_as_a_jpeg_are_no_photo():
+    ys, xs = np.mgrid[:200, :200] / 200
+    shade = 0.3 * xs * (1 - ys)
+    picture = np.stack([0.75 + shade, 0.05 + shade, 0.1 + shade], axis=2)
+    ground = picture.copy()
+    for left, top, right, bottom in [(30, 45, 170, 150), (45, 95, 95, 140), (60, 60, 80, 95)]:
+        box = np.s_[top:bottom, left:right]
+        inner = np.s_[top + 5 : bottom - 5, left + 5 : right - 5]
+        picture[box], picture[inner] = 1, ground[inner]
+    for top in range(85, 130, 15):
+        picture[top : top + 5, 110:155] = 1
+    assert noise_of(as_jpeg(picture, 60)) > 0
