@@ -83,9 +83,9 @@ def test_the_source_explains_all_that_jpeg_changed(subsampling):
 def test_lines_on_a_shaded_ground_as_a_jpeg_are_no_photo():
     ys, xs = np.mgrid[:200, :200] / 200
     shade = 0.3 * xs * (1 - ys)
-    picture = np.stack([0.75 + shade, 0.05 + shade, 0.1 + shade], axis=2)
+    picture = np.stack([0.7 + 0.6 * shade, 0.05 + shade, 0.1 + shade], axis=2)
     ground = picture.copy()
-    for left, top, right, bottom in [(30, 45, 170, 150), (45, 95, 95, 140), (60, 60, 80, 95)]:
+    for left, top, right, bottom in [(30, 45, 170, 150), (45, 95, 95, 140), (55, 60, 85, 95)]:
         box = np.s_[top:bottom, left:right]
         inner = np.s_[top + 5 : bottom - 5, left + 5 : right - 5]
         picture[box], picture[inner] = 1, ground[inner]
