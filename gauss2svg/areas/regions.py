@@ -32,36 +32,42 @@ def cores_of(pixels: Floats) -> Ints:
     """Return the labels (h, w) of evenly coloured or shaded pixels.
 
     A pixel belongs to a core if it is part of a block of 2 x 2 pixels whose values are equal within
-    FLAT, or which are shaded evenly. Neighbours of nearly the same values have the same label. All
-    other pixels have the label -1. Larger cores have smaller labels.
+    FLAT, or which are shaded evenly. All other pixels have the label -1. Larger cores have smaller
+    labels.
     """
     spread = spread_of(pixels, 2).max(axis=-1)
     bend = ndimage.maximum_filter(bend_of(pixels), 2)
-    is_even = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
-    return cores_of_blocks(pixels, is_even, max(FLAT, STEEP))
+    is_shaded = (bend <= BEND) & (spread <= STEEP)
+    return cores_of_blocks(pixels, is_shaded, STEEP, spread <= FLAT)
 
 
-def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> Ints:
+def cores_of_blocks(pixels: Floats, block: Bools, most: float, flat: Bools | None = None) -> Ints:
     """Return the labels (h, w) of cores of at least 4 pixels.
 
     block  (h, w) whether the pixels of the block of 2 x 2 that ends at a pixel are alike
     most   largest difference of neighbours of one core
+    flat   more such blocks. Neighbours that are in no other block differ by at most FLAT, because
+           such blocks lie on both sides of the antialiased rim of a pale shape
     """
-    core: Any = ndimage.binary_dilation(block, np.ones((2, 2)))
+    blocks = [block.copy(), block.copy() if flat is None else block | flat]
+    if min(block.shape) > 1:
+        for some in blocks:
+            some[0] = some[:, 0] = False  # they have one row or column
+    inner, core = (ndimage.binary_dilation(some, np.ones((2, 2))) for some in blocks)
     # Every other row and column are pixels. Those between tell which neighbours are joined.
-    h, w = core.shape
-    joined = np.zeros((2 * h - 1, 2 * w - 1), bool)
+    joined = np.zeros((2 * block.shape[0] - 1, 2 * block.shape[1] - 1), bool)
     joined[::2, ::2] = core
-    for between, one, other in (
-        (np.s_[1::2, ::2], np.s_[1:], np.s_[:-1]),
-        (np.s_[::2, 1::2], np.s_[:, 1:], np.s_[:, :-1]),
-    ):
-        are_near = np.abs(pixels[one] - pixels[other]).max(axis=-1) <= most
-        joined[between] = core[one] & core[other] & are_near
+    for axis, between in enumerate((joined[1::2, ::2], joined[::2, 1::2])):
+        one, other, first, second = (
+            np.delete(some, end, axis) for some in (core, inner) for end in (0, -1)
+        )
+        least = np.where(first | second, most, FLAT)
+        are_near = np.abs(np.diff(pixels, axis=axis)).max(axis=-1) <= least
+        between[:] = one & other & are_near
     labels: Any = ndimage.label(joined)
     component = labels[0][::2, ::2].copy()
     del labels, joined  # four times as large
-    names, counts = np.unique(component[core], return_counts=True)
+    names, counts = np.unique(component[component > 0], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= 4)]
     return renamed(component, kept)
 

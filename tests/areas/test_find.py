@@ -7,6 +7,7 @@ from scipy.spatial import KDTree
 
 from gauss2svg.areas.find import find_areas
 from gauss2svg.areas.paint import paint_of
+from gauss2svg.raster import rasterize
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import Area, LinearGradient, Outline, RadialGradient
@@ -258,3 +259,14 @@ def test_a_radial_gradient_is_as_wide_and_as_high_as_that_of_the_picture(radii):
     picture = np.exp(-(distance**2))[..., None] * np.array([0.9, 0.6, 0.3])
     paint = paint_of(picture, ys.ravel(), xs.ravel())
     assert np.abs(paint.at(xs, ys) - picture).max() < 8 / 255
+
+
+@pytest.mark.parametrize("color", ["#f0f0ff", "#f2f2f2", "#f3f3f3"])
+@pytest.mark.parametrize("middle", [30, 64])
+def test_pale_shapes_are_areas_of_their_own(color, middle):
+    # Their antialiased rims climb by few levels for each px, as shading does.
+    shape = f'<ellipse fill="{color}" cx="64" cy="{middle}" rx="60" ry="30.3"/>'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 128 128">{shape}</svg>'
+    found = find_areas(rasterize(svg, 128, 128))
+    assert [isinstance(area.paint, tuple) for area in found.areas] == [True]
+    assert found.psnr > 60
