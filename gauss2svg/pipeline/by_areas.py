@@ -28,9 +28,10 @@ from gauss2svg import portable
 from gauss2svg.areas import clean, find, ringing
 from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
+from gauss2svg.areas.texture import two_toned
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
-from gauss2svg.photo.pixels import shrunk
+from gauss2svg.photo.pixels import over, shrunk
 from gauss2svg.pipeline import found as changes
 from gauss2svg.pipeline.by_count import ENOUGH, ByCount
 from gauss2svg.pipeline.found import SEEN_UP_TO, Trial, Trials, nothing, scene_of
@@ -51,6 +52,7 @@ STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the 
 # start keeps its nodes unless its file without those that do not pay has less than this share of
 # the bytes, as after a tracer.
 FEWER = 0.8
+GLOSSY = 0.77  # share of two-toned pixels near edges: .56 to .75 in glossy logos, .8 in flat ones
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 _ANEW = (
     "the start differs from the picture, so its areas were found anew, and edits may be lost. Edit "
@@ -124,8 +126,11 @@ class ByAreas:
         is_limited = self._limit < math.inf or self._plan.aim is not None
         # With a time limit, no time is left for two searches, and a preset asks for no more.
         enough = math.inf if is_limited else self._plan.preset.stop_psnr - ENOUGH.too_little
-        if psnr < enough and not (unsure or self._plan.goal.time_limit or self._run.ended):
-            unsure = self._trials.shapes_win(outcome.file.size, self._trials.error_at(psnr))
+        if not (unsure or self._plan.goal.time_limit or self._run.ended):
+            if psnr < enough:
+                error = self._trials.error_at(psnr)
+                unsure = self._trials.shapes_win(outcome.file.size, error)
+            unsure |= not is_limited and outcome.psnr < enough and self._is_glossy()
         notes = (_ANEW,) if self._is_anew else ()
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
@@ -221,6 +226,16 @@ class ByAreas:
             return outcome.psnr
         working = self._subject.working
         return model_psnr(outcome.file.scene, working, self._subject.weight(working))
+
+    def _is_glossy(self) -> bool:
+        """Return whether many pixels near edges are between two tones, as in a glossy logo.
+
+        In a JPEG or with few inks, areas are surely better.
+        """
+        if self._plan.prefers_areas or self._quality is not None or self._inks:
+            return False
+        is_edge, is_even = two_toned(over(self._subject.working))
+        return bool(is_even.sum() < GLOSSY * is_edge.sum())
 
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found."""
