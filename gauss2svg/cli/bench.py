@@ -38,7 +38,7 @@ class Comparison(OptionGroup):
     quality, loss or palette. Several axes give all combinations. Without any, bench runs the
     presets and some counts. Separate lists of inks by semicolons: "inks=6;#f7c306,#17324d"."""
 
-    peers: str = ""
+    peers: tuple[str, ...] = ()
     """Other tools to compare if they are installed, separated by commas: vtracer, jpeg, webp, avif.
     One setting of a tool follows a colon, such as jpeg:30 or vtracer:detailed. LABEL=FOLDER is any
     other method: its SVGs or pictures by the names of the photos, and if there is a table.csv in
@@ -60,7 +60,7 @@ class Comparison(OptionGroup):
         from gauss2svg.measure import packages_missing
 
         check_folder(output)
-        photos, peers = local_photos(self.photos), words(self.peers)
+        photos, peers = local_photos(self.photos), words(",".join(self.peers))
         if self.from_ is not None:
             if not (table := self.from_ / TABLE).is_file():
                 raise refusal("--from", "the output folder of gauss2svg batch", f"no {table}")

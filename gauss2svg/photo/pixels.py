@@ -123,6 +123,8 @@ def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
     bad = ~((array >= 0) & (array <= 1))  # `bad` is true for NaN too
     if bad.any():
         advice = "dividing by the largest value, or clipping"
+        if not np.isfinite(array).all():
+            advice = "numpy.nan_to_num"
         raise refusal(f"samples of {name}", "finite and in 0..1", str(array[bad][0]), advice)
     return array.astype(np.float32)
 

@@ -174,7 +174,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
         )
     has_color = is_empty or CURRENT_COLOR in outcome.file.svg
     if plan.options.svg.current_color and not has_color:
-        many = "more than one colour. Try --inks 2"
+        many = "more than one colour" + ("" if plan.in_inks else ". Try --inks 2")
         why = "Gaussians. Try --areas always" if len(scene) else many
         yield f"--current-color has no effect, because the file has {why}"
     if (layered := plan.options.document.layered) and not (scene.level == ABOVE).any():

@@ -62,7 +62,7 @@ def test_files_of_another_method_are_measured_and_again_if_they_change(
         )
     (tmp_path / "svgs" / "table.csv").write_text("photo,total_s\na.png,2.5\n")
     none = ["--axis", "iterations=1", "--axis", "gaussians=1"]
-    rows = reported(command, *two_photos, "--peers", "svgs=svgs,pngs=pngs", *none)
+    rows = reported(command, *two_photos, "--peers", "svgs=svgs", "--peers", "pngs=pngs", *none)
     for name in "ab":
         blank, few = rows[f"{name}.png", "svgs"], rows[f"{name}.png", "pngs"]
         error = np.mean((1 - load_image(f"{name}.png").pixels.astype(np.float64)) ** 2)

@@ -257,11 +257,13 @@ def test_a_drawing_with_a_photo_in_it_has_ellipses_in_inks():
         (DRAWING, {"current_color": True}, "the file has more than one colour. Try --inks 2"),
         (GLOWS, {"current_color": True}, "the file has Gaussians. Try --areas always"),
         (DRAWING, {"current_color": True, "inks": 2}, ""),
+        (DRAWING, {"current_color": True, "inks": 3}, "the file has more than one colour"),
     ],
 )
 def test_an_option_that_has_no_effect_is_a_note(picture, given, said):
     notes = vectorize(picture, **given).report["notes"]
     assert len(notes) == bool(said)
+    assert "".join(notes).count("--inks") == said.count("--inks")
     assert said in "".join(notes)
 
 
