@@ -477,8 +477,8 @@ def tied(
     master, follower = np.where(leads, [one, other], [other, one])
     ratio = np.where(leads, long_v / long_u, long_u / long_v)
     ratio[both & (ratio >= 1 / 1.5) & (ratio <= 1.5)] = 1.0
-    # Two handles turn to their common direction, the longer one less, or its curve would bulge.
-    way = u + v
+    # Two handles turn to a common direction, the longer one less, because its curve would bulge.
+    way = u / np.sqrt(long_u)[:, None] + v / np.sqrt(long_v)[:, None]
     way *= (np.where(leads, -long_u, long_v) / portable.hypot(*way.T))[:, None]
     point = point.copy()
     point[master[both]] = (point[node] + way)[both]
