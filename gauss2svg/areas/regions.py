@@ -58,9 +58,8 @@ def cores_of_blocks(pixels: Floats, block: Bools, most: float, flat: Bools | Non
     joined = np.zeros((2 * block.shape[0] - 1, 2 * block.shape[1] - 1), bool)
     joined[::2, ::2] = core
     for axis, between in enumerate((joined[1::2, ::2], joined[::2, 1::2])):
-        one, other, first, second = (
-            np.delete(some, end, axis) for some in (core, inner) for end in (0, -1)
-        )
+        pairs: Any = [np.delete(some, end, axis) for some in (core, inner) for end in (0, -1)]
+        one, other, first, second = pairs
         least = np.where(first | second, most, FLAT)
         are_near = np.abs(np.diff(pixels, axis=axis)).max(axis=-1) <= least
         between[:] = one & other & are_near
