@@ -56,7 +56,7 @@ def test_an_enlarged_drawing_has_the_areas_of_its_source():
     areas = DRAWINGS["discs in discs"]
     found = vectorize(enlarged(drawn(areas), 2), max_bytes=10000).scene
     assert len(found.areas) == len(areas)
-    assert off(areas, found.scaled(0.5, 0.5).areas).max() < 0.3
+    assert off(areas, found.scaled(0.5, 0.5).areas).max() < 0.4
 
 
 @pytest.mark.parametrize("name", DRAWINGS)
