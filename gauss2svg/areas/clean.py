@@ -276,7 +276,8 @@ def textured(pixels: Floats, cores: Ints) -> Bools:
     part, _ = arrays.parts_of(_opened(rough, 17) | seeds)
     sizes, seed_sizes = (np.bincount(part[m], minlength=part.max() + 1) for m in (part > 0, seeds))
     # Where noise is faint, fewer squares are seeds, and areas are found.
-    # Letters and hatching of a JPEG have no such blocks either.
+    # Letters, hatching and lines on a shaded ground of a JPEG have no such blocks either. There,
+    # half of a part may be far from edges.
     edge, even = (np.bincount(part[m], minlength=len(sizes)) for m in two_toned(pixels[..., :3]))
     is_crisp = (edge >= 0.4 * sizes) & (even >= TWO_TONED * edge)
     names = np.flatnonzero((seed_sizes > 0.2 * sizes) & ~is_crisp)
