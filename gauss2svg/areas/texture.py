@@ -13,11 +13,16 @@ import math
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from gauss2svg import portable
 
 SMOOTH = 2.0  # largest difference of neighbours in a smooth block of 2 x 2 pixels, in levels of 255
 EDGE_PX = 4  # largest width of an edge between two blocks
+# A picture is a drawing if at most MOST_UNEVEN of its blocks have several colours, at most MOST_WIDE
+# of these lie WIDE blocks from all others, and at least LEAST_STEPS of these have a step of STEP
+# levels (docs/decisions/areas.md).
+MOST_UNEVEN, WIDE, MOST_WIDE, STEP, LEAST_STEPS = 0.35, 9, 0.25, 3.0, 0.1
 # In small logos as JPEG, few blocks are smooth. A picture of at most LOGO px a side is a drawing if
 # TWO_TONED of its pixels near edges are as on one side of them. Photos have at most .64.
 LOGO, TWO_TONED = 512, 0.65
@@ -43,6 +48,8 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
     # Icons have few edges, and one colour in most blocks. Photos have one in at most .1.
     if max(pixels.shape[:2]) <= 32 and np.mean(rough < 1) >= 0.15:
         return True
+    if _is_flat_with_lines(rough):
+        return True
     crisp = 0
     for values, ends in ((level, rough), (level.swapaxes(1, 2), rough.swapaxes(1, 2))):
         edge = np.abs(values[:, :-1, 1:-EDGE_PX] - values[:, :-1, EDGE_PX:-1])
@@ -57,6 +64,23 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
         return False
     is_edge, is_even = two_toned(pixels[..., :3])
     return bool(is_edge.mean() >= 0.4 and is_even.sum() >= TWO_TONED * is_edge.sum())
+
+
+def _is_flat_with_lines(rough: NDArray[np.float32]) -> bool:
+    """Return whether blocks of one colour surround all others, however thin or pale these are.
+
+    Charts of thin lines have few crisp edges, and neither have waves of nearly one colour. What is
+    not flat in a photo is wide, and slow shading has no block with a step.
+
+    rough  (n, h, w) largest difference of neighbours in each block, in levels of 255
+    """
+    uneven = rough >= 1
+    if uneven.mean() > MOST_UNEVEN or not uneven.any():
+        return False
+    size = (1, WIDE, WIDE)
+    wide = ndimage.maximum_filter(ndimage.minimum_filter(uneven, size), size)
+    is_thin = wide.sum() <= MOST_WIDE * uneven.sum()
+    return bool(is_thin and np.mean(rough[uneven] >= STEP) >= LEAST_STEPS)
 
 
 def two_toned(pixels: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

@@ -200,9 +200,10 @@ class Plan:
         options = self.options.changed(inks=",".join(colors), paper=None, overprint=None)
         return dataclasses.replace(self, printed=printed, options=options)
 
-    def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
+    def for_picture(self, pixels: NDArray[np.float32], whole: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
 
+        whole  photo that is not reduced, in which thin lines look drawn, or `pixels` again
         If the options give a number of inks, the inks are chosen. Nothing else is decided for a
         sketch.
         """
@@ -213,9 +214,9 @@ class Plan:
         if isinstance(count, int):
             options = options.changed(inks=inks_of(pixels, count, options.fit.paper))
             plan = dataclasses.replace(self, options=options)
-            return (plan.on_paper() if options.fit.paper else plan).for_picture(pixels)
+            return (plan.on_paper() if options.fit.paper else plan).for_picture(pixels, whole)
         may = options.svg.areas == AUTO and self.may_be_exact
-        has_areas = self.has_areas or (may and may_have_areas(pixels))
+        has_areas = self.has_areas or (may and any(map(may_have_areas, (pixels, whole))))
         return dataclasses.replace(self, faintness=faintness_of(pixels), has_areas=has_areas)
 
     @property

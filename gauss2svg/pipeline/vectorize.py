@@ -20,7 +20,7 @@ from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
-from gauss2svg.photo.pixels import Header, Photo, averaged, matte_color, pixels_of, shrunk
+from gauss2svg.photo.pixels import Header, Photo, Size, averaged, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
@@ -40,7 +40,9 @@ if TYPE_CHECKING:
 
 # With a time limit, areas are searched in a picture of so many pixels for each second.
 AREA_PIXELS_A_SECOND = 40_000
-WHOLE_DRAWING = 2**20  # px up to which areas are found in a picture that is not reduced
+# A drawing is not reduced if it has at most this many px, or this factor on the px of the preset's
+# largest square, because thin lines lose their colour (docs/decisions/areas.md).
+WHOLE_DRAWING, WHOLE_SHARE = 2**20, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,13 +262,15 @@ def vectorize_by(
         plan = dataclasses.replace(plan, has_areas=True, sketch=inks)
     is_drawn = plan.may_be_exact and not plan.sketch
     sprite = _sprite(plan, run, image, photo) if is_drawn else None
-    plan = plan.for_picture(pixels)
+    is_whole = _is_whole(run, load)
+    plan = plan.for_picture(pixels, pixels_of(photo) if is_whole else pixels)
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
-        # Outlines would follow the rings of the filter that keeps photos sharp.
-        is_whole = math.prod(photo.original_size) <= WHOLE_DRAWING
-        is_whole &= load.measured == photo.original_size
-        is_whole &= options.run.max_size is None and options.run.max_memory is None
-        working = pixels if is_whole else averaged(pixels_of(photo), *load.fit[::-1])
+        if is_whole:
+            measured, pixels = photo, pixels_of(photo)
+            working = pixels
+        else:
+            # Outlines would follow the rings of the filter that keeps photos sharp.
+            working = averaged(pixels_of(photo), *load.fit[::-1])
     subject = Subject(
         pixels, working, photo.original_size,
         document=options.document.of_photo(*photo.original_size, photo.dpi),
@@ -275,7 +279,7 @@ def vectorize_by(
     )  # fmt: skip
     del photo  # frees the photo's pixels, which may be many
     with run.threaded():
-        outcome = best_of(_outcomes(plan, run, subject), plan, run)
+        outcome = best_of(_outcomes(plan, run, subject, load.fit), plan, run)
         file = outcome.file
         # Every search prunes its file until it is within the limit, or until no shapes are left.
         plan.check_limit(file.size)
@@ -311,7 +315,11 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
         load = load_of(plan, Header(width, height, has_alpha, run.reduced_bytes))
         return size_that_fits(load, run.most_bytes, asked)
 
-    photo = run.read(image, lambda width, height: sizes(width, height)[0].measured, _matte(plan))
+    def needed(width: int, height: int) -> Size:
+        load = sizes(width, height)[0]
+        return (width, height) if _is_whole(run, load) else load.measured
+
+    photo = run.read(image, needed, _matte(plan))
     if photo.alpha is not None and plan.options.written_blend == ADD:
         advice = "--matte white, or --portable"
         raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
@@ -342,16 +350,32 @@ def _sprite(plan: Plan, run: Run, image: ImageSource, photo: Photo) -> Sprite | 
     return sprite_of(pixels_of(run.read(image, lambda *size: size, _matte(plan))))
 
 
+def _is_whole(run: Run, load: Load) -> bool:
+    """Return whether the photo is not reduced if it is a drawing.
+
+    If shapes alone are fitted after all, their fit has the size of the load.
+    """
+    plan, size = load.plan, load.photo.size
+    asked = plan.options.run
+    if asked.max_size is not None or asked.max_memory is not None:
+        return False
+    if plan.goal.time_limit is not None and load.measured != size:
+        return False
+    most = max(WHOLE_DRAWING, WHOLE_SHARE * plan.preset.max_size**2)
+    return math.prod(size) <= most and dataclasses.replace(load, fit=size).bytes <= run.most_bytes
+
+
 def _matte(plan: Plan) -> tuple[float, float, float] | None:
     """Return the colour below a transparent photo, or None if it stays transparent."""
     matte = plan.options.svg.matte
     return None if matte is None else matte_color(matte)
 
 
-def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
+def _outcomes(plan: Plan, run: Run, subject: Subject, fit: Size) -> Iterator[Outcome]:
     """Start the time budget. Then run the searches of the plan, and yield the outcome of each.
 
-    The exact file of pixel art comes before all others.
+    The exact file of pixel art comes before all others. Only a search for areas runs on an image
+    of more pixels than the size `fit`.
     """
     if (limit := plan.goal.time_limit) is not None:
         if plan.in_areas:
@@ -371,4 +395,5 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
             from gauss2svg.pipeline.by_bytes import ByBytes as OneSearch
         else:
             from gauss2svg.pipeline.by_count import ByCount as OneSearch
-        yield OneSearch(one, subject, run).run()
+        image = subject if one.in_areas else subject.reduced(math.prod(fit))
+        yield OneSearch(one, image, run).run()

@@ -332,6 +332,18 @@ def test_a_photo_in_a_poster_is_one_area_below_gaussians():
     assert result.report["psnr_svg"] > 35.2  # as close as the preset asks for without areas
 
 
+def test_thin_lines_of_a_large_drawing_keep_their_color():
+    waves = "M60 150q160-120 320 0t320 0 320 0M60 190q160-120 320 0t320 0 320 0"
+    chart = f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1200 900"><path fill="#fff"
+    d="M0 0h1200v900H0z"/><g fill="none" stroke-width="2"><path d="{waves}" stroke="#111"/>
+    <path d="M60 500h1080v300H60z" stroke="#b02030"/></g></svg>"""
+    result = vectorize(rasterize(chart, 1200, 900))
+    colors = np.array([area.paint for area in result.scene.areas])
+    for color in ((17, 17, 17), (176, 32, 48)):
+        assert np.abs(255 * colors - color).max(axis=1).min() < 8
+    assert result.report["measured_width"] == 1200
+
+
 def test_cairo_draws_the_gradients_of_a_large_drawing():
     rows = np.linspace(0, 1, 400)[:, None]
     sky = np.stack([0.2 + 0.6 * rows, 0.3 + 0.2 * rows, 0.9 - 0.5 * rows], axis=-1)
@@ -361,11 +373,11 @@ def test_a_file_within_the_limit_is_exact_and_another_one_has_what_fits():
         assert (result.report["psnr_svg"] is None) == is_exact
 
 
-def test_a_sprite_of_over_a_megapixel_is_exact():
-    large = SPRITE[::2, ::2].repeat(48, axis=0).repeat(48, axis=1)
+def test_a_sprite_of_over_two_megapixels_is_exact():
+    large = SPRITE[::2, ::2].repeat(64, axis=0).repeat(64, axis=1)
     result = vectorize(large)
-    assert result.photo.shape[0] < 1152
-    assert (rasterize(result.svg, 1152, 1152) == large / np.float32(255)).all()
+    assert result.photo.shape[0] < 1536
+    assert (rasterize(result.svg, 1536, 1536) == large / np.float32(255)).all()
 
 
 @pytest.mark.parametrize("is_soft", [False, True])
