@@ -87,7 +87,7 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     for _ in range(3):
         # Cores of what the cores of earlier rounds have left.
         block &= ndimage.maximum_filter(cores, 2) < 0
-        more = cores_of_blocks(smooth, block, 1.5 * noise)
+        more = cores_of_blocks(block)
         # Shades of an edge have no 3 x 3 pixels.
         is_inner: Any = ndimage.minimum_filter(more, 3) == ndimage.maximum_filter(more, 3)
         more = renamed(more, np.unique(more[is_inner & (more >= 0)]))

@@ -20,7 +20,9 @@ from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Box, Floats, Ints
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
-FLAT = 4 * LEVEL  # largest difference of values in a block of pixels of one colour
+# Largest difference of values in a block of pixels of one colour, in any picture and in one where
+# CLEAN of the blocks have one colour. There, steps of five levels are edges of pale shapes.
+FLAT, EQUAL, CLEAN = 4 * LEVEL, 1.5 * LEVEL, 0.65
 BEND = 2.1 * LEVEL  # largest second difference of values that are evenly shaded
 STEEP = 0.03  # largest difference of neighbouring values that are evenly shaded
 REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/areas.md)
@@ -38,31 +40,27 @@ def cores_of(pixels: Floats) -> Ints:
     spread = spread_of(pixels, 2).max(axis=-1)
     bend = ndimage.maximum_filter(bend_of(pixels), 2)
     is_shaded = (bend <= BEND) & (spread <= STEEP)
-    return cores_of_blocks(pixels, is_shaded, STEEP, spread <= FLAT)
+    levels = pixels / LEVEL
+    is_clean = np.abs(levels - np.rint(levels)).max() < 0.01  # not after JPEG's noise was taken out
+    is_clean &= np.mean(spread <= 1.1 * LEVEL) >= CLEAN
+    return cores_of_blocks(is_shaded | (spread <= (EQUAL if is_clean else FLAT)))
 
 
-def cores_of_blocks(pixels: Floats, block: Bools, most: float, flat: Bools | None = None) -> Ints:
+def cores_of_blocks(block: Bools) -> Ints:
     """Return the labels (h, w) of cores of at least 4 pixels.
 
-    block  (h, w) whether the pixels of the block of 2 x 2 that ends at a pixel are alike
-    most   largest difference of neighbours of one core
-    flat   more such blocks. Neighbours that are in no other block differ by at most FLAT, because
-           such blocks lie on both sides of the antialiased rim of a pale shape
+    block  (h, w) whether the pixels of the block of 2 x 2 that ends at a pixel are alike. Two
+           neighbours are in one core if they are in one such block
     """
-    blocks = [block.copy(), block.copy() if flat is None else block | flat]
+    height, width = block.shape
+    ends = np.pad(block, (0, 1))
     if min(block.shape) > 1:
-        for some in blocks:
-            some[0] = some[:, 0] = False  # they have one row or column
-    inner, core = (ndimage.binary_dilation(some, np.ones((2, 2))) for some in blocks)
+        ends[0] = ends[:, 0] = False  # they have one row or column
     # Every other row and column are pixels. Those between tell which neighbours are joined.
-    joined = np.zeros((2 * block.shape[0] - 1, 2 * block.shape[1] - 1), bool)
-    joined[::2, ::2] = core
-    for axis, between in enumerate((joined[1::2, ::2], joined[::2, 1::2])):
-        pairs: Any = [np.delete(some, end, axis) for some in (core, inner) for end in (0, -1)]
-        one, other, first, second = pairs
-        least = np.where(first | second, most, FLAT)
-        are_near = np.abs(np.diff(pixels, axis=axis)).max(axis=-1) <= least
-        between[:] = one & other & are_near
+    joined = np.zeros((2 * height - 1, 2 * width - 1), bool)
+    joined[1::2, ::2] = ends[1:height, :width] | ends[1:height, 1:]
+    joined[::2, 1::2] = ends[:height, 1:width] | ends[1:, 1:width]
+    joined[::2, ::2] = ends[:-1, :-1] | ends[:-1, 1:] | ends[1:, :-1] | ends[1:, 1:]
     labels: Any = ndimage.label(joined)
     component = labels[0][::2, ::2].copy()
     del labels, joined  # four times as large

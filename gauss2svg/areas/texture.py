@@ -19,8 +19,8 @@ from gauss2svg import portable
 
 SMOOTH = 2.0  # largest difference of neighbours in a smooth block of 2 x 2 pixels, in levels of 255
 EDGE_PX = 4  # largest width of an edge between two blocks
-# A picture is a drawing if at most MOST_UNEVEN of its blocks have several colours, at most MOST_WIDE
-# of these lie WIDE blocks from all others, and at least LEAST_STEPS of these have a step of STEP
+# A picture is flat if at most MOST_UNEVEN of its blocks have several colours, at most MOST_WIDE of
+# these are in squares of WIDE such blocks, and at least LEAST_STEPS of these have a step of STEP
 # levels (docs/decisions/areas.md).
 MOST_UNEVEN, WIDE, MOST_WIDE, STEP, LEAST_STEPS = 0.35, 9, 0.25, 3.0, 0.1
 # In small logos as JPEG, few blocks are smooth. A picture of at most LOGO px a side is a drawing if
@@ -33,22 +33,13 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
 
     pixels  (h, w, 3), or (h, w, 4) with straight alpha, in 0..1
     """
-    tiles = _tiles(pixels)
-    if tiles.shape[-1] == 4:
-        tiles = np.concatenate([tiles[..., :3] * tiles[..., 3:], tiles[..., 3:]], axis=-1)
-    red_green_blue_alpha = np.array([77, 128, 50, 100], np.float32)
-    level = portable.product(tiles, red_green_blue_alpha[: tiles.shape[-1]])
-    down, across = (np.abs(np.diff(level, axis=axis)) for axis in (1, 2))
-    # Element (y, x) is about the block whose upper left pixel is (y, x).
-    rough = np.maximum(
-        np.maximum(down[:, :, 1:], down[:, :, :-1]), np.maximum(across[:, 1:], across[:, :-1])
-    )
+    level, rough = _levels(pixels)
     if min(rough.shape[1:]) <= EDGE_PX:
         return False
     # Icons have few edges, and one colour in most blocks. Photos have one in at most .1.
     if max(pixels.shape[:2]) <= 32 and np.mean(rough < 1) >= 0.15:
         return True
-    if _is_flat_with_lines(rough):
+    if _is_flat(rough):
         return True
     crisp = 0
     for values, ends in ((level, rough), (level.swapaxes(1, 2), rough.swapaxes(1, 2))):
@@ -66,14 +57,18 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
     return bool(is_edge.mean() >= 0.4 and is_even.sum() >= TWO_TONED * is_edge.sum())
 
 
-def _is_flat_with_lines(rough: NDArray[np.float32]) -> bool:
+def is_flat(pixels: NDArray[np.float32]) -> bool:
     """Return whether blocks of one colour surround all others, however thin or pale these are.
 
-    Charts of thin lines have few crisp edges, and neither have waves of nearly one colour. What is
+    Charts of thin lines have few crisp edges, and so have waves of nearly one colour. What is
     not flat in a photo is wide, and slow shading has no block with a step.
 
-    rough  (n, h, w) largest difference of neighbours in each block, in levels of 255
+    pixels  (h, w, 3), or (h, w, 4) with straight alpha, in 0..1
     """
+    return _is_flat(_levels(pixels)[1])
+
+
+def _is_flat(rough: NDArray[np.float32]) -> bool:
     uneven = rough >= 1
     if uneven.mean() > MOST_UNEVEN or not uneven.any():
         return False
@@ -81,6 +76,24 @@ def _is_flat_with_lines(rough: NDArray[np.float32]) -> bool:
     wide = ndimage.maximum_filter(ndimage.minimum_filter(uneven, size), size)
     is_thin = wide.sum() <= MOST_WIDE * uneven.sum()
     return bool(is_thin and np.mean(rough[uneven] >= STEP) >= LEAST_STEPS)
+
+
+def _levels(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the brightness (n, h, w) of tiles of a picture, and how rough their blocks are.
+
+    Both are in levels of 255. Element (y, x) of the second is the largest difference of neighbours
+    in the block of 2 x 2 pixels whose upper left one is (y, x).
+    """
+    tiles = _tiles(pixels)
+    if tiles.shape[-1] == 4:
+        tiles = np.concatenate([tiles[..., :3] * tiles[..., 3:], tiles[..., 3:]], axis=-1)
+    red_green_blue_alpha = np.array([77, 128, 50, 100], np.float32)
+    level = portable.product(tiles, red_green_blue_alpha[: tiles.shape[-1]])
+    down, across = (np.abs(np.diff(level, axis=axis)) for axis in (1, 2))
+    rough = np.maximum(
+        np.maximum(down[:, :, 1:], down[:, :, :-1]), np.maximum(across[:, 1:], across[:, :-1])
+    )
+    return level, rough
 
 
 def two_toned(pixels: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

@@ -28,7 +28,7 @@ from gauss2svg import portable
 from gauss2svg.areas import clean, find, ringing
 from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
-from gauss2svg.areas.texture import two_toned
+from gauss2svg.areas.texture import is_flat, two_toned
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over, shrunk
@@ -230,11 +230,12 @@ class ByAreas:
     def _is_glossy(self) -> bool:
         """Return whether many pixels near edges are between two tones, as in a glossy logo.
 
-        In a JPEG or with few inks, areas are surely better.
+        In a flat picture these are thin lines. In a JPEG or with few inks, areas are surely better.
         """
-        if self._plan.prefers_areas or self._quality is not None or self._inks:
+        working = self._subject.working
+        if self._plan.prefers_areas or self._quality is not None or self._inks or is_flat(working):
             return False
-        is_edge, is_even = two_toned(over(self._subject.working))
+        is_edge, is_even = two_toned(over(working))
         return bool(is_even.sum() < GLOSSY * is_edge.sum())
 
     def _glance(self, error: float, edges: int) -> None:

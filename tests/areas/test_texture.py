@@ -59,6 +59,40 @@ def test_drawings_have_areas():
             assert may_have_areas(pixels_of(picture)), file.stem
 
 
+def chart_of_a_thin_line():
+    """Return a white page with a frame and one line of a px."""
+    page = np.ones((240, 320, 3), np.float32)
+    page[[20, 220], 30:300] = page[20:221, [30, 299]] = 0
+    across = np.arange(40, 290)
+    page[np.int32(120 + 80 * np.sin(across / 30)), across] = (0.1, 0.4, 0.7)
+    return page
+
+
+def pale_waves(step):
+    """Return waves of one colour each, which differ from their neighbours by a few levels."""
+    rows, columns = np.mgrid[:200, :200]
+    wave, below = np.divmod(rows + 12 * np.sin(columns / 25) + 12, 40)
+    wave += np.minimum(below, 1)  # their rims are antialiased
+    return np.float32(np.round(np.array([200, 120, 80]) + step * wave[..., None]) / 255)
+
+
+@pytest.mark.parametrize("picture", [chart_of_a_thin_line(), pale_waves(6)], ids=["chart", "waves"])
+def test_what_is_flat_has_areas_however_thin_or_pale_its_parts_are(picture):
+    assert may_have_areas(picture)
+
+
+def test_slow_shading_has_no_areas():
+    rows, columns = np.mgrid[:200, :200]
+    shade = np.round(80 + rows / 8 + columns / 12)[..., None].repeat(3, 2)
+    assert not may_have_areas(np.float32(shade / 255))
+
+
+def test_flat_areas_that_differ_by_a_few_levels_are_apart():
+    found = find_areas(pale_waves(6))
+    assert len(found.areas) + 1 == 7
+    assert found.psnr > 55
+
+
 def page_with(part):
     """Return a page with a flag, and the same with a part on it."""
     page = Image.new("RGBA", (240, 230), "white")
