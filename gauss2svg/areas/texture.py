@@ -23,6 +23,7 @@ EDGE_PX = 4  # largest width of an edge between two blocks
 # these are in squares of WIDE such blocks, and at least LEAST_STEPS of these have a step of STEP
 # levels (docs/decisions/areas.md).
 MOST_UNEVEN, WIDE, MOST_WIDE, STEP, LEAST_STEPS = 0.35, 9, 0.25, 3.0, 0.1
+MOSTLY_WIDE = 0.5  # share of such squares in a drawing with glows: .51 to .9
 # In small logos as JPEG, few blocks are smooth. A picture of at most LOGO px a side is a drawing if
 # TWO_TONED of its pixels near edges are as on one side of them. Photos have at most .64.
 LOGO, TWO_TONED = 512, 0.65
@@ -68,14 +69,26 @@ def is_flat(pixels: NDArray[np.float32]) -> bool:
     return _is_flat(_levels(pixels)[1])
 
 
+def is_shaded(pixels: NDArray[np.float32]) -> bool:
+    """Return whether most of what is not flat in a drawing is wide, as glows and gloss are."""
+    return _wide_share(_levels(pixels)[1]) > MOSTLY_WIDE
+
+
 def _is_flat(rough: NDArray[np.float32]) -> bool:
     uneven = rough >= 1
-    if uneven.mean() > MOST_UNEVEN or not uneven.any():
+    if uneven.mean() > MOST_UNEVEN or _wide_share(rough) > MOST_WIDE:
         return False
-    size = (1, WIDE, WIDE)
+    return bool(np.mean(rough[uneven] >= STEP) >= LEAST_STEPS)
+
+
+def _wide_share(rough: NDArray[np.float32]) -> float:
+    """Return the share of uneven blocks that are in squares of WIDE such blocks.
+
+    It is 1 if all blocks are even.
+    """
+    uneven, size = rough >= 1, (1, WIDE, WIDE)
     wide = ndimage.maximum_filter(ndimage.minimum_filter(uneven, size), size)
-    is_thin = wide.sum() <= MOST_WIDE * uneven.sum()
-    return bool(is_thin and np.mean(rough[uneven] >= STEP) >= LEAST_STEPS)
+    return float(wide.sum() / uneven.sum()) if uneven.any() else 1.0
 
 
 def _levels(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

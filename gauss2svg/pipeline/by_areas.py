@@ -28,7 +28,7 @@ from gauss2svg import portable
 from gauss2svg.areas import clean, find, ringing
 from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
-from gauss2svg.areas.texture import is_flat, two_toned
+from gauss2svg.areas.texture import is_flat, is_shaded, two_toned
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over, shrunk
@@ -322,7 +322,8 @@ class ByAreas:
             # Only fewer areas would go on from the drawing, which takes much memory.
             found = dataclasses.replace(first, drawing=None)
             trials[0] = dataclasses.replace(trials[0], found=found)
-        if trials[0].shaded and not has_start and not self._ends():
+        shaded = trials[0].shaded or is_shaded(self._subject.working)
+        if shaded and not has_start and not self._ends():
             few = FEWER * len(first.areas)
             found = self._found(self._areas(shaded=True), first, lambda one: len(one.areas) > few)
             if len(found.areas) <= few:

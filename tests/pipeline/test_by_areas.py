@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from flat import vectorize
 from pictures import clouds
+from scipy import ndimage
 from skimage import data
 
 from gauss2svg import Options, Scene, read_svg
@@ -342,6 +343,17 @@ def test_thin_lines_of_a_large_drawing_keep_their_color():
     for color in ((17, 17, 17), (176, 32, 48)):
         assert np.abs(255 * colors - color).max(axis=1).min() < 8
     assert result.report["measured_width"] == 1200
+
+
+def test_a_glow_around_letters_is_drawn_by_gaussians():
+    letters = FRAME.format("""<path d="M24 24v80M24 64h44M68 24v80M94 24v80" fill="none"
+    stroke="#fff" stroke-width="9"/>""")
+    alpha = rasterize_rgba(letters, 512, 512)[..., 3:]
+    glow = 1.2 * ndimage.gaussian_filter(alpha, (4, 4, 0)) * (0.1, 0.7, 0.8) + (0.01, 0.01, 0.05)
+    picture = np.round(255 * np.clip(glow + alpha * (1 - glow), 0, 1)) / 255
+    result = vectorize(np.float32(picture))
+    assert result.report["gaussians"] >= 8
+    assert result.report["area_count"] < 15
 
 
 def test_cairo_draws_the_gradients_of_a_large_drawing():
