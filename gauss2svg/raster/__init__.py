@@ -29,7 +29,6 @@ from gauss2svg.options import Field, Renderer
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.pixels import has_alpha, over
 from gauss2svg.svg.file import from_root, stretched
-from gauss2svg.svg.untrusted import UNMET_MEDIA
 
 RENDERERS: tuple[str, ...] = get_args(Renderer)
 # The functions of these renderers also take the colour of the page.
@@ -221,6 +220,12 @@ _SEARCHES = {
         rf"{_TAG}(?:animate|set|discard)|@starting-style|(?<![\w-])animation(?:-name)?{_ON}",
     ),
 }
+# Rules of media that a still picture on a white page does not meet.
+_UNMET_MEDIA = re.compile(
+    r"@media\s*(?:print|\(\s*prefers-(?:color-scheme\s*:\s*dark"
+    r"|reduced-motion\s*:\s*no-preference)\s*\))\s*"
+    r"\{(?:[^{}<]*+\{(?:[^{}<]*+\{[^{}<]*+\})*+[^{}<]*+\})*+[^{}<]*+\}"
+)
 
 
 def uses(svg: str, feature: Feature) -> bool:
@@ -235,7 +240,7 @@ def uses(svg: str, feature: Feature) -> bool:
     if not any(word in text for word in words.split()):
         return False
     unseen = rf"<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*"
-    text = UNMET_MEDIA.sub("", re.sub(unseen, "", text, flags=re.DOTALL))
+    text = _UNMET_MEDIA.sub("", re.sub(unseen, "", text, flags=re.DOTALL))
     # A rotation, a skew, a matrix that does more than scale and move, or any transform of CSS.
     turned = (
         r"""rotate|skew|[;"'{\s]transform\s*:"""

@@ -8,7 +8,10 @@ are limited, both cases become ordinary errors.
 from __future__ import annotations
 
 import os
+import re
 import sys
+import tempfile
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +19,35 @@ from numpy.typing import NDArray
 from gauss2svg.errors import Gauss2SvgError, RendererError
 from gauss2svg.photo.pixels import over
 from gauss2svg.processes import end_of, module_command, python_environment, run
-from gauss2svg.raster import rasterize_sized
+from gauss2svg.raster import rasterize_sized, renderers
 
 _REFUSED = 2  # exit status which says that standard error has a message for the user
+# Matches a message of resvg on a value or on CSS that it cannot read. Messages on fonts do not
+# match, because resvg gets none, and neither do those on media and states such as :hover, which a
+# still picture seldom has.
+_MESSAGE = re.compile(
+    r"^Warning \(.*?\): (?!.*(?:font|@media|:(?:hover|active|focus|visited|target)\b))"
+    r"(?:Failed to \w+ |The )?(.*? value: '.*?'|a \w+ image|@[\w-]+ rule|':[\w-]+'|Selector .*)",
+    re.MULTILINE,
+)
+
+
+class Drawing(NamedTuple):
+    """The raster of an SVG, and what resvg says that it cannot read.
+
+    pixels  (height, width, channels) float32 in 0..1
+    unread  parts of the SVG, each of them once, such as "fill value: 'oklch(.6 .2 30)'". Other
+            renderers say nothing
+    """
+
+    pixels: NDArray[np.float32]
+    unread: list[str]
 
 
 def draw(
     svg: str, width: int, height: int, renderer: str, timeout_s: float, channels: int = 3
-) -> NDArray[np.float32]:
-    """Return the raster (height, width, channels) of an SVG.
+) -> Drawing:
+    """Return the raster of an SVG.
 
     With 3 channels the raster is over white. With 4 channels it has straight alpha. Raise
     RendererError if the renderer cannot draw the SVG, crashes, or takes more than timeout_s
@@ -49,32 +72,42 @@ def draw(
             "less deeply, or another --renderer"
         )
         raise RendererError(ended.complaint if ended.status == _REFUSED else crash)
-    return np.frombuffer(ended.output, np.float32).reshape(height, width, channels)
+    count = height * width * channels
+    pixels = np.frombuffer(ended.output, np.float32, count).reshape(height, width, channels)
+    messages = ended.output[pixels.nbytes :].decode(errors="replace")
+    unread = dict.fromkeys(message[:80] for message in _MESSAGE.findall(messages))
+    return Drawing(pixels, list(unread))
 
 
 def main() -> int:
-    """Read an SVG from standard input, and write its pixels to standard output as float32."""
+    """Read an SVG from standard input, and write its pixels to standard output as float32.
+
+    Behind the pixels are the first messages that a library prints to standard output.
+    """
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
-    answer = os.fdopen(os.dup(1), "wb")
-    # From here on, a text that a library prints to standard output goes to standard error. So no
-    # such text can get between the pixels.
-    os.dup2(2, 1)
     clear = sys.argv[4:] == ["4"]
+    renderers.resvg_prints = True
     # On Linux, the process may take 4 GiB of memory, plus 64 bytes for each pixel of the raster.
     _limit_memory((4 << 30) + 64 * width * height)
-    try:
-        pixels = rasterize_sized(sys.stdin.buffer.read().decode(), width, height, renderer, clear)
-        pixels = pixels if clear else over(pixels)
-    except Exception as error:
-        message = f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}"  # a bug
-        if isinstance(error, Gauss2SvgError):
-            message = str(error)
-        elif isinstance(error, MemoryError):
-            message = f"{renderer} is out of memory. Try a smaller or simpler SVG"
-        print(" ".join(message.split()), file=sys.stderr)
-        return _REFUSED
-    with answer:
+    with os.fdopen(os.dup(1), "wb") as answer, tempfile.TemporaryFile() as messages:
+        # From here on, a text that a library prints to standard output goes to a file. So no such
+        # text can get between the pixels.
+        os.dup2(messages.fileno(), 1)
+        try:
+            svg = sys.stdin.buffer.read().decode()
+            pixels = rasterize_sized(svg, width, height, renderer, clear)
+            pixels = pixels if clear else over(pixels)
+        except Exception as error:
+            message = f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}"  # a bug
+            if isinstance(error, Gauss2SvgError):
+                message = str(error)
+            elif isinstance(error, MemoryError):
+                message = f"{renderer} is out of memory. Try a smaller or simpler SVG"
+            print(" ".join(message.split()), file=sys.stderr)
+            return _REFUSED
         answer.write(np.ascontiguousarray(pixels, np.float32).data)
+        messages.seek(0)
+        answer.write(messages.read(100_000))
     return 0
 
 

@@ -107,8 +107,8 @@ def test_any_root_is_stretched_to_the_photo(head, renderer, halves, drawn_here):
          "not drawn, because resvg gets no fonts. Try paths, or another --renderer"),
         ('viewBox="0 0 8 8"><g><animate attributeName="x" to="1"/></g>',
          "draw these as browsers do: <animate>. Try a copy without the animation"),
-        ('viewBox="0 0 8 8"><g fill="a" stroke="b" opacity="c" color="d"/>',
-         'fill="a" on <g>, stroke="b" on <g>, opacity="c" on <g> and more. Try'),
+        ('viewBox="0 0 8 8"><foreignObject/><set/><mesh/><pattern/>',
+         "<foreignObject>, <set>, <mesh> and more. Try"),
     ],
 )  # fmt: skip
 def test_what_has_to_be_known_is_a_note(svg, note, halves, drawn_here):
