@@ -94,74 +94,17 @@ def renderer_version(name: str) -> str:
 
 
 def rasterize(
-    svg: str, width: int, height: int, renderer: str = DEFAULT_RENDERER
+    svg: str, width: int, height: int, renderer: str = DEFAULT_RENDERER, alpha: bool = False
 ) -> NDArray[np.float32]:
-    """Return the raster of an SVG over white: (height, width, 3) float32 in 0..1.
+    """Return the raster of an SVG, float32 in 0..1.
+
+    It is over white (height, width, 3). If `alpha` is true, it has straight alpha (height, width,
+    4). Firefox has no transparent page, so it then draws the SVG twice, over white and over black.
 
     An SVG with a viewBox is stretched to width x height px, even if its own proportions are
     different. Raise RendererError if the renderer is not installed, if it fails on the file, or if
     it is known to draw a feature of the file wrongly.
     """
-    return over(_drawn(svg, width, height, renderer, clear=False))
-
-
-def rasterize_rgba(
-    svg: str, width: int, height: int, renderer: str = DEFAULT_RENDERER
-) -> NDArray[np.float32]:
-    """Return the raster of an SVG with straight alpha: (height, width, 4) float32 in 0..1.
-
-    Arguments and errors are those of rasterize. Firefox has no transparent page, so it draws the
-    SVG twice, over white and over black.
-    """
-    return _drawn(svg, width, height, renderer, clear=True)
-
-
-def rasterize_like(
-    svg: str, picture: NDArray[np.floating], renderer: str = DEFAULT_RENDERER
-) -> NDArray[np.float32]:
-    """Return a raster that has the size of `picture`.
-
-    If `picture` is opaque, the raster is over white. If `picture` has alpha, so has the raster.
-    """
-    height, width = picture.shape[:2]
-    draw = rasterize_rgba if has_alpha(picture) else rasterize
-    return draw(svg, width, height, renderer)
-
-
-def rasterize_sized(
-    svg: str, width: int, height: int, renderer: str, clear: bool = False
-) -> NDArray[np.float32]:
-    """Return the raster (height, width, 4) of an SVG whose size is width x height px.
-
-    Raise RendererError if the renderer returns a raster of another size.
-
-    clear  whether a browser draws on a transparent page rather than on a white one. The other
-           renderers ignore it
-    """
-    page = [CLEAR] if clear and renderer in BROWSERS else []
-    pixels = _renderer_function(renderer)(svg, width, height, *page)
-    if pixels.shape[:2] != (height, width):
-        got = f"{pixels.shape[1]}x{pixels.shape[0]} px"
-        raise RendererError(
-            f"raster of {renderer} must be {width}x{height} px; got {got}. Try to draw it smaller, "
-            "or another --renderer"
-        )
-    return pixels
-
-
-def refuse_unsupported(svg: str, renderer: str) -> None:
-    """Raise RendererError if the SVG uses a feature that the renderer is known to draw wrongly."""
-    for feature, names in NOT_DRAWN_BY.items():
-        if renderer in names and uses(svg, feature):
-            others = drawn_by(feature)
-            advice = AT_REST if feature is Feature.MOVING else f"--renderer {others[0]}"
-            raise RendererError(
-                f"renderer must be one of {', '.join(others)} for what the SVG uses, {feature}; "
-                f"got {renderer}. Try {advice}"
-            )
-
-
-def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDArray[np.float32]:
     if width * height > MOST_PIXELS:  # photos have the same limit
         raise RendererError(
             f"the raster must be at most {MOST_PIXELS / 1e6:.0f} million px; got "
@@ -174,7 +117,48 @@ def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDA
     except (InputError, expat.ExpatError, UnicodeEncodeError) as error:
         raise RendererError(f"cannot draw the SVG: {error}. Try to re-save it") from error
     refuse_unsupported(text, renderer)
-    return rasterize_sized(stretched(text, width, height), width, height, renderer, clear)
+    return rasterize_sized(stretched(text, width, height), width, height, renderer, alpha)
+
+
+def rasterize_like(
+    svg: str, picture: NDArray[np.floating], renderer: str = DEFAULT_RENDERER
+) -> NDArray[np.float32]:
+    """Return a raster that has the size of `picture`.
+
+    If `picture` is opaque, the raster is over white. If `picture` has alpha, so has the raster.
+    """
+    height, width = picture.shape[:2]
+    return rasterize(svg, width, height, renderer, has_alpha(picture))
+
+
+def rasterize_sized(
+    svg: str, width: int, height: int, renderer: str, alpha: bool = False
+) -> NDArray[np.float32]:
+    """Return the raster of `rasterize` for an SVG whose size is width x height px.
+
+    Raise RendererError if the renderer returns a raster of another size.
+    """
+    page = [CLEAR] if alpha and renderer in BROWSERS else []  # others have no page
+    pixels = _renderer_function(renderer)(svg, width, height, *page)
+    if pixels.shape[:2] != (height, width):
+        got = f"{pixels.shape[1]}x{pixels.shape[0]} px"
+        raise RendererError(
+            f"raster of {renderer} must be {width}x{height} px; got {got}. Try to draw it smaller, "
+            "or another --renderer"
+        )
+    return pixels if alpha else over(pixels)
+
+
+def refuse_unsupported(svg: str, renderer: str) -> None:
+    """Raise RendererError if the SVG uses a feature that the renderer is known to draw wrongly."""
+    for feature, names in NOT_DRAWN_BY.items():
+        if renderer in names and uses(svg, feature):
+            others = drawn_by(feature)
+            advice = AT_REST if feature is Feature.MOVING else f"--renderer {others[0]}"
+            raise RendererError(
+                f"renderer must be one of {', '.join(others)} for what the SVG uses, {feature}; "
+                f"got {renderer}. Try {advice}"
+            )
 
 
 def from_png(png: bytes) -> NDArray[np.float32]:

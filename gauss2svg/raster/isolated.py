@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, RendererError
-from gauss2svg.photo.pixels import over
 from gauss2svg.processes import end_of, module_command, python_environment, run
 from gauss2svg.raster import rasterize_sized, renderers
 
@@ -85,7 +84,6 @@ def main() -> int:
     Behind the pixels are the first messages that a library prints to standard output.
     """
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
-    clear = sys.argv[4:] == ["4"]
     renderers.resvg_prints = True
     # On Linux, the process may take 4 GiB of memory, plus 64 bytes for each pixel of the raster.
     _limit_memory((4 << 30) + 64 * width * height)
@@ -95,8 +93,7 @@ def main() -> int:
         os.dup2(messages.fileno(), 1)
         try:
             svg = sys.stdin.buffer.read().decode()
-            pixels = rasterize_sized(svg, width, height, renderer, clear)
-            pixels = pixels if clear else over(pixels)
+            pixels = rasterize_sized(svg, width, height, renderer, sys.argv[4:] == ["4"])
         except Exception as error:
             message = f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}"  # a bug
             if isinstance(error, Gauss2SvgError):
