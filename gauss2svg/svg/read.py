@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -41,7 +40,7 @@ from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, Area
 from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
 from gauss2svg.svg import CANVAS, CURRENT_COLOR, file, paints
-from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, NUMBER, SVG, Scene, numbers
+from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, SVG, Scene, numbers
 from gauss2svg.svg.paints import Fill, Gradient, color_of, reference_of, share_of, styled
 from gauss2svg.svg.paths import Affine, data_of, ellipses_of, length, nonzero, outlines_of
 
@@ -155,43 +154,19 @@ class _Reader:
     def __init__(self, root: Any, background: ArrayLike | None, skip_hidden: bool) -> None:
         self._skip_hidden = skip_hidden
         self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
-        # The opacities of the stops in the style sheet. The keys are ids of gradients.
-        self._opacities = defaultdict[str, list[str]](list)
-        self._gradient = cache(lambda key: Gradient.of(self._by_id, key, self._opacities))
+        self._gradient = cache(lambda key: Gradient.of(self._by_id, key))
         self._falloff = cache(lambda key, in_mask: self._gradient(key).fill(in_mask))
         self._areas: list[Area] = []
         self._shapes: list[_Shape] = []
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
             with _naming(sheet):
-                self._read_sheet(sheet)
+                _check_sheet(sheet)
         with _naming(root):
             if root.tag != SVG + "svg":
                 raise refusal("the root", "an <svg> in the namespace of SVG", root.tag[:80])
             self._size, self._user_size, self._onto = _canvas(root.attrib)
         self._visit(root, _State(self._onto))
-
-    def _read_sheet(self, sheet: Any) -> None:
-        """Store the opacities that a style sheet gives to stops.
-
-        Raise InputError if the sheet has rules that write_svg does not write.
-        """
-        # Matches each rule that write_svg writes, once the blanks of the style sheet are removed.
-        rule = (
-            rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
-            rf"stop-opacity:({NUMBER})\}}|svg>g:target~g\{{display:none;?\}}"
-            r"|@media\(prefers-reduced-motion:no-preference\)"
-            r"\{@keyframesfade-in\{from\{opacity:0;?\}\}"
-            rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*+\}}"
-        )
-        text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
-        if len(sheet) or re.sub(rule, "", text):
-            needed = "one that write_svg writes for a scene whose blend is 'over'"
-            advice = "to write what it sets into the elements, or the scene of --save-scene"
-            raise refusal("the style sheet", needed, quoted((sheet.text or "").strip()), advice)
-        for key, opacity in re.findall(rule, text):
-            if key:
-                self._opacities[key].append(opacity)
 
     def _visit(self, element: Any, parent: _State) -> None:
         """Add the shapes of an element and of its children."""
@@ -388,6 +363,21 @@ class _Reader:
             )
         except SceneError as error:
             raise InputError(f"the SVG must be one of write_svg; {error}") from error
+
+
+def _check_sheet(sheet: Any) -> None:
+    """Raise InputError if a style sheet has a rule that write_svg does not write."""
+    # The opacities of stops, fragments and animations, once the blanks are removed.
+    rules = (
+        r"""(?:\[href="#[A-Za-z]+"\]stop[+\w]*\{[^{}]*\}|svg>g:target~g\{display:none;?\}"""
+        r"|@media\(prefers-reduced-motion:no-preference\)\{@keyframesfade-in\{from\{[^{}]*\}\}"
+        r"(?:#round-\d+\{[^{}]*\})*\})*"
+    )
+    text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
+    if len(sheet) or not re.fullmatch(rules, text):
+        needed = "one that write_svg writes for a scene whose blend is 'over'"
+        advice = "to write what it sets into the elements, or the scene of --save-scene"
+        raise refusal("the style sheet", needed, quoted((sheet.text or "").strip()), advice)
 
 
 def _shows_all(outline: Affine, disc: Affine) -> bool:

@@ -266,7 +266,7 @@ WRITTEN = {
     "another circle": (SOFT.replace('<circle r="1"', '<circle r="2"'), "its mask must be"),
     "a filter of a use": (SOFT.replace('href="#a"', 'href="#a" filter="url(#c)"'), "its filter"),
     "another mask": (SOFT.replace("<mask", '<mask maskUnits="userSpaceOnUse"'), "its mask must be"),
-    "no colour": (SHEET.replace(' color="#f00"', ""), "opaque colour"),
+    "no colour": (SHEET.replace(' color="#f00"', ""), "its gradient must be"),
     "a sum": (write_svg(random_sum(4, 20, 20, 1)), "<style .* whose blend is 'over'"),
     "no file": ("/none/there.svg", "cannot read /none/there.svg"),
     "no source": (5, "source must be a path"),
