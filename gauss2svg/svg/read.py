@@ -33,7 +33,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
@@ -68,8 +67,6 @@ _EFFECTS |= {"marker", "marker-start", "marker-mid", "marker-end"}
 def read_svg(
     source: str | bytes | os.PathLike[str],
     *,
-    background: ArrayLike | None = None,
-    skip_hidden: bool = False,
     max_bytes: int = MOST_BYTES,
     max_elements: int = MOST_ELEMENTS,
 ) -> Scene:
@@ -86,12 +83,9 @@ def read_svg(
     The round of a shape comes from the label or the id of its group ("Round 3: ..", "round-3"). It
     is at least the round of the shapes below it. If a group at the top level has no such label or
     id, the group is a round of its own. A minimal file has one round. If a minimal file has no
-    size, the scene is in user units.
+    size, the scene is in user units. The scene of a file without a background is transparent.
 
     source       a path (.svg or .svgz), a text, or bytes
-    background   sRGB colour in 0..1 that the scene gets if the file has no background. If it is
-                 None, the scene of such a file is transparent
-    skip_hidden  skip hidden shapes and layers instead of refusing the file
     max_bytes, max_elements  limits of the gunzipped file. Raise them for a file that you trust
 
     Raise InputError if the file has anything that a scene cannot hold. The message names the
@@ -102,7 +96,7 @@ def read_svg(
     if text.count("<") - text.count("</") > max_elements:
         needed = f"of at most {max_elements} elements"
         raise refusal("the SVG", needed, "more", "a larger max_elements if you trust it")
-    return _Reader(file.parse(_in_own_color(text)), background, skip_hidden).scene()
+    return _Reader(file.parse(_in_own_color(text))).scene()
 
 
 def _in_own_color(text: str) -> str:
@@ -151,14 +145,13 @@ class _Shape(NamedTuple):
 class _Reader:
     """Reads one document: visits the elements and collects their shapes."""
 
-    def __init__(self, root: Any, background: ArrayLike | None, skip_hidden: bool) -> None:
-        self._skip_hidden = skip_hidden
+    def __init__(self, root: Any) -> None:
         self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
         self._gradient = cache(lambda key: Gradient.of(self._by_id, key))
         self._falloff = cache(lambda key, in_mask: self._gradient(key).fill(in_mask))
         self._areas: list[Area] = []
         self._shapes: list[_Shape] = []
-        self._background = None if background is None else np.asarray(background, np.float64)
+        self._background: Any = None  # colour of the background
         for sheet in root.iter(SVG + "style"):
             with _naming(sheet):
                 _check_sheet(sheet)
@@ -187,10 +180,7 @@ class _Reader:
                 needed = "none, or an upright rectangle over the whole canvas"
                 raise refusal("its clip-path", needed, quoted(clip), "to remove it")
             if attributes.get("display", "").lower() == "none":
-                if self._skip_hidden and parent.depth:
-                    return
-                advice = "to show it, to delete it, or read_svg(.., skip_hidden=True)"
-                raise refusal("shapes", "visible", "a hidden one", advice)
+                raise refusal("shapes", "visible", "a hidden one", "to show it, or to delete it")
             if tag not in _GROUPS:
                 self._add(tag, attributes, state)
                 # A shape cannot have children that are shapes. Because of this depth, `_visit`
@@ -233,7 +223,7 @@ class _Reader:
             is_lowest = not (self._shapes or self._areas or state.has_stroke)
             is_plain = key is None and fill != "none" and not {"rx", "ry"} & attributes.keys()
             if is_lowest and is_plain and alpha == 1 and self._covers(sides, state.onto):
-                self._background = np.array(color_of(fill, "fill"))
+                self._background = color_of(fill, "fill")
                 return
             texts = {name: str(side) for name, side in sides.items()}
             tag, attributes = "rect", {**attributes, **texts}
@@ -353,7 +343,7 @@ class _Reader:
                 rho=rho,
                 color=np.array([shape.fill.color for shape in shapes]).reshape(-1, 3),
                 opacity=np.array([shape.opacity for shape in shapes]),
-                background=np.ones(3) if self._background is None else self._background,
+                background=self._background,
                 round_index=np.array([shape.round for shape in shapes], np.int32),
                 beta=beta,
                 drawn=np.array([shape.fill.drawn for shape in shapes], np.int8),
