@@ -80,15 +80,6 @@ def ink_colors(inks: str) -> _Numbers:
     return np.array(levels, np.float64) / 255
 
 
-def check_paper(name: str, value: Any) -> str:
-    """Return a colour as "#rrggbb". Raise InputError if `value` is not a colour."""
-    try:
-        return hex_of(value)
-    except ValueError as error:
-        needed = "a colour such as white, #fa0 or #ffaa00"
-        raise refusal(name, needed, quoted(value), str(error)) from None
-
-
 def printed_colors(
     inks: str, paper: str | None = None, tones: int | None = None
 ) -> dict[str, tuple[float, ...]]:

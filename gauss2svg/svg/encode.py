@@ -54,8 +54,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gauss2svg.errors import instance, refusal, required
 from gauss2svg.options import Field
-from gauss2svg.scene import ABOVE, BLURRED, PLAIN, SOFT, Scene
+from gauss2svg.scene import ABOVE, ADD, BLURRED, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.falloff import (
     RIM_WIDTH,
@@ -77,6 +78,7 @@ from gauss2svg.svg.element import Element, Floats, hex_color, number, short_id, 
 from gauss2svg.svg.forms import BLURS, CLEAR, Blur, as_written, gradient_stops, nearest_blurs
 from gauss2svg.version import __version__
 
+PORTABLE = "the alpha-composited form (--portable)"  # advice on an additive scene
 LARGE_FROM = (
     16.0  # smallest exponent at which a gradient has the radius 100 (docs/decisions/svg.md)
 )
@@ -184,8 +186,22 @@ def editable_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str
     return _layered_svg(scene, document, areas.paths, elements, boxes, by_ink, **look)
 
 
-def outlines_svg(scene: Scene, document: Document, stroke_width: float) -> str:
-    """Return the file of gauss2svg.svg.write.outline_svg, with the same arguments and errors."""
+def outline_svg(scene: Scene, document: Document | None = None, stroke_width: float = 0.5) -> str:
+    """Return the SVG text of a scene whose shapes are drawn as strokes alone.
+
+    Each shape is an <ellipse> along the contour at which the falloff is half of its height. Its
+    stroke is opaque and has the colour of the shape. The outlines of areas and the lines of a scene
+    are such strokes too. The layers are those of write_svg. There is no background. Shapes whose
+    extent or opacity is written as 0 are left out. Result.plot has the strokes of a pen plotter.
+
+    stroke_width  width of a stroke in px, 0.01..100
+
+    Raise InputError if the width is out of range, and for an additive scene.
+    """
+    document = instance(document, "document", Document)
+    if required(scene, "scene", Scene).blend == ADD:
+        got = "'add', whose colours are differences and show nothing by themselves"
+        raise refusal("blend of a scene with outlines", "'over'", got, PORTABLE)
     width = Field("stroke_width", float, 0.01, 100.0).checked(stroke_width)
     # Lengths in px, opacities and degrees have two decimals.
     strokes = []  # areas and lines, in the first colour of their paint

@@ -21,9 +21,10 @@ from gauss2svg.scene.areas import Area, Outline
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.scene.inks import ink_colors, printed_colors
 from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg.encode import outline_svg
 from gauss2svg.svg.plates import Regions, grouped_by_ink, plate_of
 from gauss2svg.svg.read import read_svg
-from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
+from gauss2svg.svg.write import plate_svg, with_marks, write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 INKS = "#f7c306,#c0322c,#17324d"

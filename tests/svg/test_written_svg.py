@@ -19,9 +19,10 @@ from gauss2svg.pipeline.plot import plotted
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.inks import ink_name
 from gauss2svg.svg import Document, Form, Plotter, SvgFormat
+from gauss2svg.svg.encode import outline_svg
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.untrusted import Survey
-from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
+from gauss2svg.svg.write import plate_svg, with_marks, write_svg
 
 SCENE, ADDITIVE = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
 IN_INKS = SCENE.replace(
