@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import UTF16_MARKS, reason_of
 from gauss2svg.options import file_name
+from gauss2svg.photo import PREFIX_BYTES, Format, format_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg import MM, NAMESPACE, signed
 
@@ -87,24 +88,15 @@ def read_source(
 
 
 def _decoded(data: bytes, name: str) -> str:
-    """Return the text of a file in its encoding.
+    """Return the text of a file in UTF-16 with its mark, in UTF-8, or else in Latin-1.
 
-    That is UTF-8, as in browsers, if the declared one is unknown or could not have the ASCII
-    characters of its declaration.
+    A file in another encoding is read as Latin-1. Only its texts and names are then wrong.
     """
-    declared = re.match(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""", data)
-    encoding = "utf-16" if data.startswith(UTF16_MARKS) else "utf-8"
-    if declared:
-        with suppress(LookupError, ValueError):
-            named = declared[1].decode()
-            encoding = named if "<?xml".encode(named) == b"<?xml" else encoding
-    try:
-        return data.decode(encoding)
-    except ValueError as error:
-        needed = f"an SVG in {encoding[:40]}"
-        pictures = {b"\x89PNG": "a PNG picture", b"\xff\xd8\xff": "a JPEG picture"}
-        got = next((pictures[start] for start in pictures if data.startswith(start)), brief(error))
-        raise refusal(name, needed, got, "to save it as SVG in UTF-8") from error
+    if isinstance(kind := format_of(data[:PREFIX_BYTES]), Format):
+        raise refusal(name, "an SVG", f"a {kind.name} picture", "to save it as SVG")
+    with suppress(ValueError):
+        return data.decode("utf-16" if data.startswith(UTF16_MARKS) else "utf-8")
+    return data.decode("latin-1")
 
 
 def from_root(text: str) -> str:

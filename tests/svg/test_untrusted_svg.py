@@ -136,11 +136,8 @@ def test_source_is_read_in_its_encoding_up_to_its_limits():
     packed = gzip.compress(svg.encode())
     for source in (svg.encode(), svg.encode("utf-8-sig"), packed):
         assert read_source(source, len(svg) + 3)[1].lstrip("\ufeff") == svg
-    declared = {"utf-16": "utf-16", "windows-1252": "windows-1252", "Shift_JIS": "shift_jis"}
-    declared |= {"nonsense": "utf-8", "rot13": "utf-8"}  # which browsers ignore
-    for name, encoding in declared.items():
-        said = "ö" if encoding != "shift_jis" else "ソ"
-        text = f"<?xml version='1.0' encoding='{name}'?>{ROOT}<title>{said}</title></svg>"
+    for encoding in ("utf-16", "windows-1252", "utf-8"):
+        text = f"<?xml version='1.0' encoding='{encoding}'?>{ROOT}<title>ö</title></svg>"
         assert read_source(text.encode(encoding), 10_000)[1] == text
     assert Survey(svg, 3).tags == {"g": 2, "svg": 1}
     for broken in (packed[:-9], packed[:12] + b"\xff" * 9 + packed[21:]):
