@@ -244,7 +244,7 @@ class Scene:
                    first; none if blend is "add"
 
     A signed colour is what its Gaussian adds to the image at its mean. The paper uses coefficients
-    of normal densities instead: see `densities` and `peaks_of`.
+    of normal densities instead, which are 2 pi sqrt(det Sigma) times as large.
 
     Arrays are copied, read-only and float64, except that round_index and level are int32, and drawn
     is int8. Both renderers draw any scene of this domain, with finite gradients. write_svg refuses
@@ -384,22 +384,6 @@ class Scene:
         return whitening_of(self.sigma, self.rho)
 
     @property
-    def conic(self) -> NDArray[np.float64]:
-        """Inverse covariance matrices (n, 2, 2) in 1/px^2."""
-        w11, w21, w22 = self.whitening.T
-        entries = [w11 * w11 + w21 * w21, w21 * w22, w21 * w22, w22 * w22]
-        return np.stack(entries, axis=1).reshape(-1, 2, 2)
-
-    @property
-    def densities(self) -> NDArray[np.float64]:
-        """The colours as coefficients (n, 3) in px^2 of normal densities, as in the paper.
-
-        A coefficient is 2 pi sqrt(det Sigma) color. The product of a coefficient and the density
-        exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) is color exp(-r^2 / 2).
-        """
-        return self.color * _volume(self.sigma, self.rho)[:, None]
-
-    @property
     def ellipse_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Semi-axes (n, 2) in px of the one-sigma ellipses, and their directions (n,) in radians.
 
@@ -525,18 +509,3 @@ def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArra
     sx, sy = sigma.T
     k = narrowing_of(rho)
     return np.stack([1 / sx, -rho / (sx * k), 1 / (sy * k)], axis=1)
-
-
-def _volume(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the integrals (n,) in px^2 of Gaussians with a peak of 1: 2 pi sqrt(det Sigma)."""
-    return 2 * np.pi * sigma.prod(axis=1) * narrowing_of(rho)
-
-
-def peaks_of(
-    densities: NDArray[np.float64], sigma: NDArray[np.float64], rho: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the `color` (n, 3) of an additive scene whose Scene.densities are `densities` (n, 3).
-
-    It is densities / (2 pi sx sy sqrt(1 - rho^2)). sigma (n, 2) is in px, and rho is (n,).
-    """
-    return densities / _volume(sigma, rho)[:, None]
