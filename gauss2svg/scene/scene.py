@@ -16,7 +16,7 @@ import math
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, BinaryIO, ClassVar, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -267,8 +267,6 @@ class Scene:
     drawn: NDArray[np.int8] = _DEFAULT
     areas: tuple[Area, ...] = ()
     level: NDArray[np.int32] = _DEFAULT
-
-    _repr_html_: ClassVar[Callable[[Scene], str]]  # set by gauss2svg.svg.file, for notebooks
 
     def __post_init__(self) -> None:
         for name, choices in (("blend", BLENDS), ("transparent", (False, True))):

@@ -4,10 +4,6 @@ A file that is read is not trusted. Everything before its root is dropped, so th
 parser nor a renderer sees a document type or a declared encoding. A file is refused if it has more
 bytes than the limit, or a document type with declarations other than those of plain texts, which
 Illustrator writes. References to these are replaced by the texts.
-
-IPython shows a scene by its method `_repr_html_`. `gauss2svg.scene` cannot define this method,
-because it must not import a renderer. So this module sets it, and both the package and the reader
-import `Scene` from here.
 """
 
 from __future__ import annotations
@@ -30,7 +26,6 @@ from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import UTF16_MARKS, reason_of
 from gauss2svg.options import file_name
 from gauss2svg.photo import PREFIX_BYTES, Format, format_of
-from gauss2svg.scene import Scene
 from gauss2svg.svg import MM, NAMESPACE, signed
 
 SvgSource = Any  # a path, a text that begins with <, bytes or a binary file
@@ -306,17 +301,3 @@ def image(data: bytes, media_type: str, alt: str) -> str:
     """
     source = f"data:{media_type};base64,{base64.b64encode(data).decode()}"
     return f'<img alt="{html.escape(alt)}" style="max-width:100%" src="{source}"/>'
-
-
-def picture(scene: Scene) -> str:
-    """Return HTML that shows a scene as a JPEG.
-
-    The JPEG has about 50 kB, whatever the number of Gaussians.
-    """
-    # Imported here because it is seldom needed.
-    from gauss2svg.render import as_jpeg
-
-    return image(as_jpeg(scene), "image/jpeg", repr(scene))
-
-
-Scene._repr_html_ = picture

@@ -36,10 +36,10 @@ import numpy as np
 
 from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
-from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, Area
+from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, Area, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
 from gauss2svg.svg import CANVAS, CURRENT_COLOR, file, paints
-from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, SVG, Scene, numbers
+from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, SVG, numbers
 from gauss2svg.svg.paints import Fill, Gradient, color_of, reference_of, share_of, styled
 from gauss2svg.svg.paths import Affine, data_of, ellipses_of, length, nonzero, outlines_of
 
