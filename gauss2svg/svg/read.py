@@ -38,7 +38,7 @@ from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, Area, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
-from gauss2svg.svg import CANVAS, CURRENT_COLOR, file, paints
+from gauss2svg.svg import CANVAS, file, paints
 from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, SVG, numbers
 from gauss2svg.svg.paints import Fill, Gradient, color_of, reference_of, share_of, styled
 from gauss2svg.svg.paths import Affine, data_of, ellipses_of, length, nonzero, outlines_of
@@ -49,10 +49,11 @@ MOST_ELEMENTS = 4_000_000
 _DEEPEST = 100  # largest depth of nested groups
 _GROUPS = {"svg", "g", "use"}
 _SHAPES = {"path", "rect", "polygon", "polyline", "line", "circle", "ellipse"}
-# Attributes of fills and strokes that elements inherit.
+# Attributes of fills and strokes that elements inherit, and their values at the root.
 _INHERITED = {"fill", "fill-opacity", "fill-rule", "paint-order", "stroke", "stroke-width"}
 _INHERITED |= {"stroke-opacity", "stroke-linecap", "stroke-linejoin", "stroke-miterlimit"}
-_INHERITED |= {"stroke-dasharray"}
+_INHERITED |= {"stroke-dasharray", "color"}
+_USUAL = MappingProxyType({"color": "black", "fill": "black", "stroke": "none"})
 # Elements that draw nothing themselves.
 _SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "linearGradient"}
 _SILENT |= {"filter", "mask", "style", "clipPath"}
@@ -96,15 +97,7 @@ def read_svg(
     if text.count("<") - text.count("</") > max_elements:
         needed = f"of at most {max_elements} elements"
         raise refusal("the SVG", needed, "more", "a larger max_elements if you trust it")
-    return _Reader(file.parse(_in_own_color(text))).scene()
-
-
-def _in_own_color(text: str) -> str:
-    """Return a file with the colour of its root in place of currentColor."""
-    own = re.search(' color="([^"]*)"', text[: text.find(">")])
-    if CURRENT_COLOR not in text or text.count(' color="') != bool(own):
-        return text
-    return text.replace(CURRENT_COLOR, f'="{own[1] if own else "#000"}"')
+    return _Reader(file.parse(text)).scene()
 
 
 class _State(NamedTuple):
@@ -116,7 +109,7 @@ class _State(NamedTuple):
     """
 
     onto: Affine
-    style: Mapping[str, str] = MappingProxyType({"fill": "black", "stroke": "none"})
+    style: Mapping[str, str] = _USUAL
     opacity: float = 1.0
     round: int = 0
     depth: int = 0
@@ -415,7 +408,9 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     off = {"none", "normal", "inherit", "visible"}
     for name, value in attributes.items():
         if name in _INHERITED and value != "inherit":
-            changes["style"] = {**changes.get("style", parent.style), name: value}
+            style = changes.get("style", parent.style)
+            own = style["color"] if value == "currentColor" else value
+            changes["style"] = {**style, name: own}
         elif name == "transform":
             changes["onto"] = parent.onto @ Affine.of_text(value)
         elif name == "opacity":
