@@ -26,7 +26,7 @@ from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted
 from gauss2svg.files import write_atomically
 from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
-from gauss2svg.scene.areas import Area, areas_from_json, areas_to_json
+from gauss2svg.scene.areas import Area, areas_from_json, areas_to_json, checked_array
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # bounds in px of a side of the canvas
@@ -125,29 +125,15 @@ class Parameter:
         if values is None:
             size = 0 if self.default is None else count or 0
             values = np.full(self.shape(size), self.default or 0)
-        try:
-            # Masked elements become NaN, and the test below refuses NaN.
-            values = np.ma.filled(np.asanyarray(values), np.nan)
-            array = values.astype(np.float64, "C", "same_kind", subok=False)
-        except Exception as error:
-            # NumPy and torch (if a tensor requires_grad) raise many classes, so all are caught.
-            raise SceneError(f"scene {self.name} must be numbers; got {brief(error)}") from None
-        shape = self.shape(len(np.atleast_1d(array)) if count is None else count)
-        if array.shape != shape:
-            raise SceneError(f"scene {self.name} must be of shape {shape}; got {array.shape}")
-        whole = np.issubdtype(self.dtype, np.integer)
-        bad = ~((array >= low) & (array <= high)) | (whole & (array != np.rint(array)))
-        if bad.any():
-            at = tuple(int(i) for i in np.argwhere(bad)[0])
-            advice = "to replace NaN and masked values" if np.isnan(array[at]) else self.advice
-            raise SceneError(
-                f"scene {self.name}{list(at) or ''} must be finite{' and whole' * whole} and in "
-                f"{low:.16g}..{high:.16g}{' in an additive scene' * (blend == ADD)}; got "
-                f"{array[at]!s}. Try {advice}"
-            )
-        array = array.astype(self.dtype, copy=False)
-        array.flags.writeable = False
-        return array
+        name, domain = f"scene {self.name}", " in an additive scene" * (blend == ADD)
+        shape = self.shape(-1 if count is None else count)
+        array = checked_array(name, values, shape, low, high, domain, self.advice)
+        whole = array.astype(self.dtype, copy=False)
+        if (whole != array).any():
+            at = int(np.argmax(whole != array))
+            raise SceneError(f"{name}[{at}] must be whole; got {array[at]}. Try to round it")
+        whole.flags.writeable = False
+        return whole
 
 
 _COLOR_ADVICE = "to clip it, or to divide by 255 what is in 8 bits"

@@ -76,7 +76,7 @@ def test_areas_come_back_exactly_and_follow_the_canvas(seed):
 REFUSALS = [
     ({"sigma": np.zeros((2, 2))}, r"sigma\[0, 0\] must be finite and in .* got 0.0. Try"),
     ({"color": np.full((2, 3), 200)}, r"color\[0, 0\] must be .* to divide by 255"),
-    ({"mean": np.zeros((2, 3))}, r"mean must be of shape \(2, 2\); got \(2, 3\)"),
+    ({"mean": np.zeros((2, 3))}, r"mean must be of shape \(n, 2\); got \(2, 3\)"),
     ({"rho": np.ma.array([0.1, 0.2], mask=[0, 1])}, r"rho\[1\] .* got nan. Try to replace NaN"),
     ({"round_index": [1, 0]}, "round_index must not decrease"),
     ({"level": [0, 1]}, "level must be at most 0, the number of areas; got 1"),
