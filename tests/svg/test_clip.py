@@ -38,7 +38,7 @@ CLIPPED = {
     "arcs": lambda scene: write_svg(in_inks(scene), MINIMAL),
     "areas": lambda scene: write_svg(with_areas(scene)),
     "minimal areas": lambda scene: write_svg(with_areas(scene), MINIMAL),
-    "outline": partial(outline_svg, stroke_width=3.0),
+    "outline": outline_svg,
     "clear arcs": lambda scene: write_svg(in_inks(scene).replace(transparent=True), MINIMAL),
 }
 

@@ -92,7 +92,7 @@ def test_a_stroke_of_one_width_lies_where_the_falloff_is_half(sigma, rho, beta):
         beta=[beta],
     )  # fmt: skip
     y, x = np.mgrid[:400, :480] / 4 + 0.125
-    ink = 1 - rasterize(outline_svg(scene, stroke_width=0.5), 480, 400)[:, :, 0]
+    ink = 1 - rasterize(outline_svg(scene), 480, 400)[:, :, 0]
     w11, w21, w22 = scene.whitening[0]
     r = np.hypot(w11 * (x - 61), w21 * (x - 61) + w22 * (y - 47))
     # Off the contour by no more than half the width and a pixel of this finer raster.

@@ -170,10 +170,8 @@ def test_shapes_that_would_be_written_as_nothing_are_left_out(write, element):
 REFUSED = [
     ("scene must be a Scene; got int", write_svg, 3),
     ("of opaque plain ellipses and areas alone", write_svg, ADDITIVE, BY_INK),
-    ("unit must be a number in 0.001..1e", minimal_svg, SCENE, 0),
     ("given with layers inks", write_svg, IN_INKS, BY_INK, Document(animate=2.0)),
     ("one of #000000.*; got '#000'", plate_svg, IN_INKS, "#000"),
-    ("stroke_width", outline_svg, SCENE, None, "thin"),
     (r"size must be larger; .*3000x1 px 0\.1000 by 0\.0000mm", write_svg, Scene(3000, 1), None,
      Document(size="0.1mm")),
     ("must reach at most", write_svg, SCENE.replace(sigma=np.full((8, 2), 1e9))),
