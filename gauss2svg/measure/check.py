@@ -21,7 +21,7 @@ from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
-from gauss2svg.raster import AT_REST, BROWSERS, Feature, refuse_unsupported, renderer_version, uses
+from gauss2svg.raster import AT_REST, BROWSERS, MOVING, refuse_unsupported, renderer_version, uses
 from gauss2svg.raster.isolated import draw
 from gauss2svg.svg.file import (
     BLANKS,
@@ -210,7 +210,7 @@ def check(
         "svgz_bytes": len(file_bytes(data, gzipped=True)),
     }
     unknown = [*(f"<{name}>" for name in surveyed.unknown), *drawing.unread]
-    notes = _notes(surveyed, frame, picture, asked.renderer, unknown, uses(text, Feature.MOVING))
+    notes = _notes(surveyed, frame, picture, asked.renderer, unknown, uses(text, MOVING))
     scores = perceptual_scores(raster, pixels)
     return CheckResult(measured, surveyed, frame, raster, pixels, tuple(notes), scores, larger)
 
