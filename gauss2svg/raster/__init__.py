@@ -17,7 +17,6 @@ import io
 import re
 from pkgutil import resolve_name
 from typing import Any, NamedTuple, get_args
-from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.options import Field, Renderer
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.pixels import has_alpha, over
-from gauss2svg.svg.file import from_root, stretched
+from gauss2svg.svg.file import from_root, parse, stretched
 
 RENDERERS: tuple[str, ...] = get_args(Renderer)
 # The functions of these renderers also take the colour of the page.
@@ -125,9 +124,9 @@ def rasterize(
     try:
         text = from_root(svg)
         # Broken files are refused here, because some renderers would draw a part of such a file.
-        expat.ParserCreate().Parse(text, True)
-    except (InputError, expat.ExpatError, UnicodeEncodeError) as error:
-        raise RendererError(f"cannot draw the SVG: {error}. Try to re-save it") from error
+        parse(text, object())
+    except InputError as error:
+        raise RendererError(f"cannot draw the SVG: {error}") from error
     refuse_unsupported(text, renderer)
     return rasterize_sized(stretched(text, width, height), width, height, renderer, alpha)
 
