@@ -16,7 +16,7 @@ from gauss2svg.fit import schedule
 from gauss2svg.fit.schedule import refinement_reduction, totals
 from gauss2svg.options import Field, Interval, OptionGroup, Seed, check_color
 from gauss2svg.scene import ADD, OVER
-from gauss2svg.scene.inks import MOST_TONES, Inks, check_inks
+from gauss2svg.scene.ink_lists import MOST_TONES, Inks, check_inks
 
 if TYPE_CHECKING:
     from gauss2svg.scene import Scene
