@@ -14,7 +14,7 @@ from gauss2svg.cli.main import main
 from gauss2svg.files import as_png, saved
 from gauss2svg.raster import rasterize
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.svg.write import outline_svg
+from gauss2svg.svg.encode import outline_svg
 
 pytestmark = pytest.mark.usefixtures("hasty")
 
