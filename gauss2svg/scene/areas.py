@@ -329,7 +329,6 @@ def areas_from_json(text: str) -> tuple[Area, ...]:
     for row in json.loads(text):
         row["outlines"] = [Outline(**outline) for outline in row["outlines"]]
         if isinstance(paint := row["paint"], dict):
-            paint.pop("kind", None)  # some files have it
             row["paint"] = (LinearGradient if "start" in paint else RadialGradient)(**paint)
         areas.append(Area(**row))
     return tuple(areas)
