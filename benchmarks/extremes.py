@@ -34,8 +34,8 @@ from gauss2svg import Scene, SceneError, SvgFormat, quantize, write_svg
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.render.autograd import fast_accumulate, fast_composite
-from gauss2svg.render.reference import accumulate, below_one, composite, render_reference
+from gauss2svg.render.autograd import fast_composite
+from gauss2svg.render.reference import below_one, composite, render_reference
 from gauss2svg.scene import ADD, RHO_LIMIT, narrowing_of
 
 WIDTH, HEIGHT = 40, 36  # px: two and a half tiles by two and a quarter
@@ -234,14 +234,8 @@ def gradients(scene: Scene, fast: bool, dtype: torch.dtype) -> Gradients:
         tensors["rho"] = tensors["rho"].clamp(-below_one(dtype), below_one(dtype))
     for tensor in tensors.values():
         tensor.requires_grad_()
-    if scene.blend == ADD:
-        mean, sigma, rho, color, background = tensors.values()
-        renderer = fast_accumulate if fast else accumulate
-        image = renderer(mean, sigma, rho, color, background, height, width)
-    else:
-        mean, sigma, rho, color, opacity, background, beta = tensors.values()
-        renderer = fast_composite if fast else composite
-        image = renderer(mean, sigma, rho, color, opacity, background, height, width, beta)
+    values: dict[str, Any] = {"opacity": None, **tensors}
+    image = (fast_composite if fast else composite)(height=height, width=width, **values)
     loss = (image.double() * torch.tensor(weight)).sum()
     found = torch.autograd.grad(
         loss, list(tensors.values()), allow_unused=True, materialize_grads=True

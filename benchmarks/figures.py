@@ -68,7 +68,7 @@ from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.pixels import over
-from gauss2svg.raster import RENDERERS, rasterize, rasterize_rgba
+from gauss2svg.raster import RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
@@ -316,7 +316,7 @@ def transparent() -> Figure:
     y, x = np.mgrid[:512, :512]
     ellipse = np.clip(4 - 4 * np.hypot((x - 230) / 210, (y - 200) / 230), 0, 1)
     photo = np.dstack([data.astronaut() / 255, ellipse])
-    raster = rasterize_rgba(vectorize(to_width(photo, 256), gaussians=1500).svg, 512, 512)
+    raster = rasterize(vectorize(to_width(photo, 256), gaussians=1500).svg, 512, 512, alpha=True)
     checks = np.where((x // 32 + y // 32) % 2, 0.75, 1.0)[:, :, None] * np.ones(3)
     pages = {
         "on white": np.ones(3), "on a dark page": np.array([0.11, 0.15, 0.26]),

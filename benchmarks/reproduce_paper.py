@@ -203,7 +203,7 @@ def windowed(scene: Scene, kernel_size: float, adaptive: bool) -> tuple[Pixels, 
     for k in range(len(scene)):
         u, v = x - scene.mean[k, 0], y - scene.mean[k, 1]
         inside = np.maximum(np.abs(u), np.abs(v)) <= reach[k]
-        (a, b), (_, c) = scene.conic[k]
+        (a, b), (_, c) = np.linalg.inv(scene.covariance[k])
         bell = np.exp(-0.5 * (a * u * u + 2 * b * u * v + c * v * v)) * inside
         image += bell[:, :, None] * scene.color[k]
     return image, np.exp(-0.5 * (reach / widest) ** 2)

@@ -21,7 +21,7 @@ from gauss2svg.raster import (
     DRAW_BLENDS,
     DRAW_MINIMAL,
     DRAW_ROTATED_BLURS,
-    NOT_DRAWN_BY,
+    FEATURES,
     RENDERERS,
 )
 
@@ -106,7 +106,7 @@ def formats_table() -> str:
 
 def features_table() -> str:
     """Return the features of SVG that some renderers draw wrongly."""
-    rows = [f"| {_markdown(one)} | {', '.join(names)} |" for one, names in NOT_DRAWN_BY.items()]
+    rows = [f"| {_markdown(one.name)} | {', '.join(one.not_drawn_by)} |" for one in FEATURES]
     return _table("| what a file uses | not drawn by |", rows)
 
 

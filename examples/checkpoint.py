@@ -77,7 +77,8 @@ def image_gs(tensors: dict[str, np.ndarray], width: int, height: int) -> tuple[S
     picture, x = np.zeros((height, width, 3)), np.arange(width) + 0.5
     for row in range(height):
         [near] = np.nonzero(np.abs(row + 0.5 - scene.mean[:, 1]) < 5 * scene.sigma[:, 1])
-        (c11, c12), (_, c22) = scene.conic[near].transpose(1, 2, 0)[..., None]
+        conic = np.linalg.inv(scene.covariance[near])
+        (c11, c12), (_, c22) = conic.transpose(1, 2, 0)[..., None]
         dx, dy = x - scene.mean[near, :1], row + 0.5 - scene.mean[near, 1:]
         weight = np.exp(-(c11 * dx * dx + c22 * dy * dy) / 2 - c12 * dx * dy).T
         if (spare := len(near) - 10) > 0:

@@ -38,7 +38,8 @@ from .scene.areas import (
     RadialGradient as RadialGradient,
 )
 from .svg import Document as Document, Plotter as Plotter, SvgFormat as SvgFormat
-from .svg.file import Scene as Scene
+from .scene.scene import Scene as Scene
 from .svg.read import read_svg as read_svg
-from .svg.write import outline_svg as outline_svg, plate_svg as plate_svg, write_svg as write_svg
+from .svg.encode import outline_svg as outline_svg
+from .svg.write import plate_svg as plate_svg, write_svg as write_svg
 from .version import __version__ as __version__

@@ -250,6 +250,15 @@ def hex_of(text: Any) -> str:
     return "#" + bytes(getrgb(word)).hex()
 
 
+def check_color(name: str, value: Any) -> str:
+    """Return a colour as "#rrggbb". Raise InputError if `value` is no text of `hex_of`."""
+    try:
+        return hex_of(value)
+    except ValueError as error:
+        needed = "a colour such as white, #fa0 or #ffaa00"
+        raise refusal(name, needed, quoted(value), str(error)) from None
+
+
 def file_name(name: str, value: Any, needed: str = "the path of a file") -> str:
     """Return the path `value` as text.
 

@@ -30,7 +30,8 @@ from skimage import data
 
 from gauss2svg.errors import RendererError
 from gauss2svg.measure import Scores
-from gauss2svg.raster import RENDERERS, rasterize, rasterize_rgba
+from gauss2svg.raster import RENDERERS, rasterize
+from gauss2svg.raster.isolated import Drawing
 from gauss2svg.render import tiles
 
 
@@ -179,7 +180,8 @@ def drawn_here(monkeypatch, unscored) -> None:
     """`check` draws without a process of its own, which takes a third of a second; no scores."""
 
     def draw(svg, width, height, renderer, _, channels):
-        return (rasterize if channels == 3 else rasterize_rgba)(svg, width, height, renderer)
+        pixels = rasterize(svg, width, height, renderer, alpha=channels == 4)
+        return Drawing(pixels, [])
 
     monkeypatch.setattr("gauss2svg.measure.check.draw", draw)
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast, get_a
 from gauss2svg.errors import InputError, nearest, quoted, refusal
 from gauss2svg.fit import schedule
 from gauss2svg.fit.schedule import refinement_reduction, totals
-from gauss2svg.options import Field, Interval, OptionGroup, Seed
+from gauss2svg.options import Field, Interval, OptionGroup, Seed, check_color
 from gauss2svg.scene import ADD, OVER
-from gauss2svg.scene.inks import MOST_TONES, Inks, check_inks, check_paper
+from gauss2svg.scene.ink_lists import MOST_TONES, Inks, check_inks
 
 if TYPE_CHECKING:
     from gauss2svg.scene import Scene
@@ -101,7 +101,7 @@ class FitOptions(OptionGroup):
     of colours to choose from the picture, or a palette file (.gpl). Shapes are opaque and have
     crisp rims."""
 
-    paper: Annotated[str | None, check_paper] = None
+    paper: Annotated[str | None, check_color] = None
     """Colour of the paper, such as white, which shows where no ink is printed, and has no plate. A
     number of --inks does not count it. The default is white if none of the listed --inks is near
     white."""

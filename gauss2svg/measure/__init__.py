@@ -14,7 +14,7 @@ from pkgutil import resolve_name
 from typing import Annotated, Any
 
 from gauss2svg.errors import InputError
-from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size
+from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, check_color
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
 SPACE = "\N{NARROW NO-BREAK SPACE}"
@@ -248,10 +248,7 @@ def packages() -> dict[str, str]:
 
 def color_name(name: str, value: Any) -> str:
     """Return `value` if it is a colour. Otherwise raise InputError that names the option `name`."""
-    # This is imported here, because it imports NumPy, which the help does not need.
-    from gauss2svg.photo.pixels import matte_color
-
-    matte_color(value, name)
+    check_color(name, value)
     return value
 
 

@@ -21,7 +21,7 @@ from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
-from gauss2svg.raster import AT_REST, BROWSERS, Feature, refuse_unsupported, renderer_version, uses
+from gauss2svg.raster import AT_REST, BROWSERS, MOVING, refuse_unsupported, renderer_version, uses
 from gauss2svg.raster.isolated import draw
 from gauss2svg.svg.file import (
     BLANKS,
@@ -199,7 +199,8 @@ def check(
     if reference is not None:
         larger = enlarged(text, reference, size, scale, asked, WHITE if matte is None else matte)
     surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)
-    raster = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
+    drawing = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
+    raster = drawing.pixels
     is_measurable = min(size) >= metrics.LEAST_SIDE_FOR_MS_SSIM
     measured = {
         "renderer": renderer,
@@ -208,7 +209,8 @@ def check(
         "svg_bytes": len(data),
         "svgz_bytes": len(file_bytes(data, gzipped=True)),
     }
-    notes = _notes(surveyed, frame, picture, asked.renderer, uses(text, Feature.MOVING))
+    unknown = [*(f"<{name}>" for name in surveyed.unknown), *drawing.unread]
+    notes = _notes(surveyed, frame, picture, asked.renderer, unknown, uses(text, MOVING))
     scores = perceptual_scores(raster, pixels)
     return CheckResult(measured, surveyed, frame, raster, pixels, tuple(notes), scores, larger)
 
@@ -240,8 +242,8 @@ def enlarged(
         sized_text = sized_svg(svg, width, height, options.renderer, options.max_elements)[2]
         # Browsers rasterise twice as fast if no alpha channel is wanted.
         channels = 3 if color == WHITE else 4
-        raster = draw(sized_text, width, height, options.renderer, options.draw_timeout, channels)
-        return over(raster, color)
+        drawing = draw(sized_text, width, height, options.renderer, options.draw_timeout, channels)
+        return over(drawing.pixels, color)
 
     if _is_svg(reference):
         reference_pixels = drawn_over(read_source(reference, int(options.max_svg_bytes))[1], matte)
@@ -289,10 +291,16 @@ def sized_svg(
 
 
 def _notes(
-    surveyed: Survey, frame: Frame, photo: Photo, renderer: str, is_animated: bool
+    surveyed: Survey,
+    frame: Frame,
+    photo: Photo,
+    renderer: str,
+    unknown: list[str],
+    is_animated: bool,
 ) -> list[str]:
     """Return remarks on the comparison.
 
+    unknown      what a renderer other than browsers is not known to draw
     is_animated  whether browsers refuse the SVG because it is animated
     """
     notes, tags = [f"photo {note}" for note in photo.notes], surveyed.tags
@@ -308,10 +316,10 @@ def _notes(
         how = "not drawn, because resvg gets no fonts. Try paths, or another --renderer"
         how = how if renderer == "resvg" else "drawn in the fonts of this machine"
         notes.append(f"text ({texts}) is {how}")
-    if surveyed.remarks and renderer not in BROWSERS:
-        first, more = ", ".join(surveyed.remarks[:3]), " and more" if surveyed.remarks[3:] else ""
-        unknown = f"{renderer} is not known to draw these as browsers do: {first}{more}"
-        notes.append(f"{unknown}. Try {AT_REST if is_animated else '--renderer chromium'}")
+    if unknown and renderer not in BROWSERS:
+        first, more = ", ".join(unknown[:3]), " and more" if unknown[3:] else ""
+        remark = f"{renderer} is not known to draw these as browsers do: {first}{more}"
+        notes.append(f"{remark}. Try {AT_REST if is_animated else '--renderer chromium'}")
     if not surveyed.qualified:
         notes.append("the root element has no xmlns of SVG, so browsers do not show the file")
     return notes

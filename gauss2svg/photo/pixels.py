@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg import portable
-from gauss2svg.errors import quoted, refusal
-from gauss2svg.options import hex_of
+from gauss2svg.errors import refusal
+from gauss2svg.options import check_color
 
 Size = tuple[int, int]  # width and height in px
 # The size to which a photo is reduced: its longest side in px, or a function that takes the stored
@@ -267,13 +267,9 @@ def psnr_of(error: float) -> float:
     return -10 * portable.log10(error) if error > 0 else math.inf
 
 
-def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:
-    """Return the colour, in 0..1, that a text names as `hex_of` allows, or raise InputError."""
-    try:
-        red, green, blue = bytes.fromhex(hex_of(text)[1:])
-    except ValueError as error:
-        needed = "a colour such as white, black, #fa0 or #ffaa00"
-        raise refusal(name, needed, quoted(text), str(error)) from None
+def matte_color(text: str) -> tuple[float, float, float]:
+    """Return the colour, in 0..1, that a text names. Raise InputError if it names none."""
+    red, green, blue = bytes.fromhex(check_color("matte", text)[1:])
     return red / 255, green / 255, blue / 255
 
 

@@ -31,7 +31,8 @@ from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pipeline.options import ALWAYS, AUTO, NEVER, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
-from gauss2svg.scene.inks import LEAST_INKS, MOST_INKS, inks_of, printed_colors
+from gauss2svg.scene.ink_lists import LEAST_INKS, MOST_INKS
+from gauss2svg.scene.inks import inks_of, printed_colors
 from gauss2svg.svg import EDITABLE, INKS, MINIMAL, ROUNDS, Markup, StopCount, SvgFormat
 from gauss2svg.svg.forms import GRADIENT
 

@@ -31,9 +31,10 @@ from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import inks_in
 from gauss2svg.svg import Document, Plotter, SvgFormat
+from gauss2svg.svg.encode import outline_svg
 from gauss2svg.svg.file import file_bytes, image, is_svgz
 from gauss2svg.svg.plates import CUT_UNIT, Regions
-from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
+from gauss2svg.svg.write import plate_svg, with_marks, write_svg
 
 if TYPE_CHECKING:
     from gauss2svg.pipeline.plot import Plot

@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import RendererError, quoted
+from gauss2svg.errors import RendererError
 from gauss2svg.photo.pixels import straight
 from gauss2svg.raster import CLEAR, WHITE, from_png, renderers
 from gauss2svg.raster.renderers import DRAWING, html
 
-PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 # Without the flag for the colour profile, colours would depend on the screen of the machine. The
 # flag for reduced motion shows animated files in their final state. Playwright has an option for
 # reduced motion too, but it has no effect on the images in a page.
@@ -35,7 +34,7 @@ _SITE = "http://gauss2svg.invalid/"
 def chromium_version() -> str:
     """Return the name and version of Chromium, without starting a browser."""
     _playwright_api()
-    path = _program()
+    path = renderers.find("chromium")
     if sys.platform == "win32":  # --version would open a window there
         return "Chromium of unknown version"
     # The program prints a line such as "Google Chrome 140.0.1" or "Chromium 156.0.8078.79 built on
@@ -65,21 +64,15 @@ def _playwright_api() -> Any:
     return sync_api
 
 
-def _program() -> str:
-    path = os.environ.get(PROGRAM_VARIABLE) or renderers.find("chromium")
-    if os.access(path, os.X_OK) and os.path.isfile(path):
-        return path
-    raise RendererError(
-        f"{PROGRAM_VARIABLE} must be the path of a Chromium; got {quoted(path)}. Try to correct "
-        "it, or to unset it for the one on PATH"
-    )
-
-
 def launch_options(flags: Sequence[str] = _FLAGS) -> dict[str, Any]:
     """Return options with which Playwright's `chromium.launch` starts the installed browser."""
     # With its sandbox, Chromium does not start as root. For all other users the sandbox is on.
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0
-    return {"executable_path": _program(), "args": flags, "chromium_sandbox": not is_root}
+    return {
+        "executable_path": renderers.find("chromium"),
+        "args": flags,
+        "chromium_sandbox": not is_root,
+    }
 
 
 def _mean(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:

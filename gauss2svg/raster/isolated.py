@@ -1,4 +1,4 @@
-"""Rasterise an untrusted SVG in a separate process: `python -m gauss2svg.raster.isolated`.
+"""Rasterise an untrusted SVG in a separate process.
 
 An SVG with deeply nested groups overflows the stack of resvg, which ends the process. An SVG with
 nested patterns can keep any renderer busy for years. In a separate process whose time and memory
@@ -8,74 +8,83 @@ are limited, both cases become ordinary errors.
 from __future__ import annotations
 
 import os
-import sys
+import re
+import tempfile
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import Gauss2SvgError, RendererError
-from gauss2svg.photo.pixels import over
-from gauss2svg.processes import end_of, module_command, python_environment, run
-from gauss2svg.raster import rasterize_sized
+from gauss2svg.errors import RendererError
+from gauss2svg.pool import Pool, WorkerDiedError
+from gauss2svg.raster import rasterize_sized, renderers
 
-_REFUSED = 2  # exit status which says that standard error has a message for the user
+# Matches a message of resvg on a value or on CSS that it cannot read. Messages on fonts do not
+# match, because resvg gets none, and neither do those on media and states such as :hover, which a
+# still picture seldom has.
+_MESSAGE = re.compile(
+    r"^Warning \(.*?\): (?!.*(?:font|@media|:(?:hover|active|focus|visited|target)\b))"
+    r"(?:Failed to \w+ |The )?(.*? value: '.*?'|a \w+ image|@[\w-]+ rule|':[\w-]+'|Selector .*)",
+    re.MULTILINE,
+)
+
+
+class Drawing(NamedTuple):
+    """The raster of an SVG, and what resvg says that it cannot read.
+
+    pixels  (height, width, channels) float32 in 0..1
+    unread  parts of the SVG, each of them once, such as "fill value: 'oklch(.6 .2 30)'". Other
+            renderers say nothing
+    """
+
+    pixels: NDArray[np.float32]
+    unread: list[str]
 
 
 def draw(
     svg: str, width: int, height: int, renderer: str, timeout_s: float, channels: int = 3
-) -> NDArray[np.float32]:
-    """Return the raster (height, width, channels) of an SVG.
+) -> Drawing:
+    """Return the raster of an SVG.
 
     With 3 channels the raster is over white. With 4 channels it has straight alpha. Raise
     RendererError if the renderer cannot draw the SVG, crashes, or takes more than timeout_s
     seconds.
     """
-    words = str(width), str(height), renderer, str(channels)
-    try:
-        ended = run(
-            module_command("gauss2svg.raster.isolated", *words),
-            svg.encode(),
-            timeout_s=timeout_s,
-            environment=python_environment(),
-        )
-    except TimeoutError as error:
-        raise RendererError(
-            f"{renderer} has not drawn the SVG in {timeout_s:g} s. Try a longer "
-            "--draw-timeout, or another --renderer"
-        ) from error
-    if ended.status:
-        crash = (
-            f"{renderer} crashed on the SVG ({end_of(ended.status)}). Try groups that are nested "
-            "less deeply, or another --renderer"
-        )
-        raise RendererError(ended.complaint if ended.status == _REFUSED else crash)
-    return np.frombuffer(ended.output, np.float32).reshape(height, width, channels)
+    size = width, height
+    with Pool(1) as pool:
+        job = pool.submit(_drawn, svg, *size, renderer, channels == 4, timeout=timeout_s)
+        try:
+            return job.result()
+        except TimeoutError as error:
+            raise RendererError(
+                f"{renderer} has not drawn the SVG in {timeout_s:g} s. Try a longer "
+                "--draw-timeout, or another --renderer"
+            ) from error
+        except WorkerDiedError as error:
+            raise RendererError(
+                f"{renderer} crashed on the SVG ({error}). Try groups that are nested less "
+                "deeply, or another --renderer"
+            ) from error
+        except MemoryError as error:
+            raise RendererError(
+                f"{renderer} is out of memory. Try a smaller or simpler SVG"
+            ) from error
 
 
-def main() -> int:
-    """Read an SVG from standard input, and write its pixels to standard output as float32."""
-    width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
-    answer = os.fdopen(os.dup(1), "wb")
-    # From here on, a text that a library prints to standard output goes to standard error. So no
-    # such text can get between the pixels.
-    os.dup2(2, 1)
-    clear = sys.argv[4:] == ["4"]
+def _drawn(svg: str, width: int, height: int, renderer: str, alpha: bool) -> Drawing:
+    """Return the raster of an SVG, in the process that is only for this SVG."""
     # On Linux, the process may take 4 GiB of memory, plus 64 bytes for each pixel of the raster.
     _limit_memory((4 << 30) + 64 * width * height)
-    try:
-        pixels = rasterize_sized(sys.stdin.buffer.read().decode(), width, height, renderer, clear)
-        pixels = pixels if clear else over(pixels)
-    except Exception as error:
-        message = f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}"  # a bug
-        if isinstance(error, Gauss2SvgError):
-            message = str(error)
-        elif isinstance(error, MemoryError):
-            message = f"{renderer} is out of memory. Try a smaller or simpler SVG"
-        print(" ".join(message.split()), file=sys.stderr)
-        return _REFUSED
-    with answer:
-        answer.write(np.ascontiguousarray(pixels, np.float32).data)
-    return 0
+    renderers.resvg_prints = True
+    with tempfile.TemporaryFile() as messages:
+        # What libraries print is not for the user.
+        for stream in (1, 2):
+            os.dup2(messages.fileno(), stream)
+        pixels = rasterize_sized(svg, width, height, renderer, alpha)
+        messages.seek(0)
+        printed = messages.read(100_000).decode(errors="replace")
+    unread = dict.fromkeys(message[:80] for message in _MESSAGE.findall(printed))
+    return Drawing(pixels, list(unread))
 
 
 def _limit_memory(limit: int) -> None:
@@ -89,7 +98,3 @@ def _limit_memory(limit: int) -> None:
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

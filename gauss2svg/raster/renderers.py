@@ -140,6 +140,10 @@ def html(page: str) -> str:
 """
 
 
+# Whether resvg prints messages to standard output. Only gauss2svg.raster.isolated changes it.
+resvg_prints = False
+
+
 def resvg_version() -> str:
     """Return the name and version of resvg."""
     return f"resvg {resvg_py.__resvg_version__}"
@@ -151,7 +155,7 @@ def resvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
         # If dpi is not given, resvg_py draws lengths in mm and the like as 0.
         png = resvg_py.svg_to_bytes(
             svg_string=svg, width=width, height=height, skip_system_fonts=True, dpi=96,
-            languages=["en"],
+            languages=["en"], log_information=resvg_prints,
         )  # fmt: skip
     except BaseException as error:
         # If resvg panics, pyo3 raises its PanicException, which is not an Exception but only a

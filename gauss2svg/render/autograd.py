@@ -132,7 +132,7 @@ def fast_composite(
     sigma: torch.Tensor,
     rho: torch.Tensor,
     color: torch.Tensor,
-    opacity: torch.Tensor,
+    opacity: torch.Tensor | None,
     background: torch.Tensor,
     height: int,
     width: int,
@@ -149,27 +149,5 @@ def fast_composite(
     with beta < 1 stays finite at the mean. Raise InputError for values outside the domain
     (gauss2svg.render.reference.shapes_of).
     """
-    shapes = shapes_of(
-        height, width, mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity,
-        background=background, beta=beta,
-    )  # fmt: skip
-    return _FastRender.apply(*shapes, height, width, False)  # pyright: ignore[reportReturnType]
-
-
-def fast_accumulate(
-    mean: torch.Tensor,
-    sigma: torch.Tensor,
-    rho: torch.Tensor,
-    color: torch.Tensor,
-    background: torch.Tensor,
-    height: int,
-    width: int,
-) -> torch.Tensor:
-    """Return the image of gauss2svg.render.reference.accumulate, computed by the kernels.
-
-    `fast_composite` describes the tensors, the gradients and the errors.
-    """
-    shapes = shapes_of(
-        height, width, mean=mean, sigma=sigma, rho=rho, color=color, background=background
-    )
-    return _FastRender.apply(*shapes, height, width, True)  # pyright: ignore[reportReturnType]
+    shapes = shapes_of(height, width, mean, sigma, rho, color, opacity, background, beta)
+    return _FastRender.apply(*shapes, height, width, opacity is None)  # pyright: ignore[reportReturnType]

@@ -35,7 +35,7 @@ except ImportError as error:
     ) from error
 
 _BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
-# Arguments of `_blended` that are tensors, in their order.
+# Names of the tensors of a renderer, in their order.
 _NAMES = ("mean", "sigma", "rho", "color", "opacity", "background", "beta")
 
 
@@ -44,7 +44,7 @@ def composite(
     sigma: torch.Tensor,
     rho: torch.Tensor,
     color: torch.Tensor,
-    opacity: torch.Tensor,
+    opacity: torch.Tensor | None,
     background: torch.Tensor,
     height: int,
     width: int,
@@ -52,36 +52,15 @@ def composite(
 ) -> torch.Tensor:
     """Return the image (height, width, 3) of n alpha-composited shapes, the bottom shape first.
 
-    mean (n, 2) and sigma (n, 2) are in px. rho is (n,), color (n, 3) and opacity (n,). background
-    is (3,), or a picture (height, width, 3) that lies below the shapes. beta is (n,), or None for
-    Gaussians. All tensors must have the same dtype and device, which are also those of the image.
-    Raise InputError for values outside the domain (see shapes_of).
+    mean (n, 2) and sigma (n, 2) are in px. rho is (n,), color (n, 3) and opacity (n,). If opacity
+    is None, the shapes are added up, in any order: the image is the unclipped sum of the background
+    and the shapes, whose colours are signed. background is (3,), or a picture (height, width, 3)
+    that lies below the shapes. beta is (n,), or None for Gaussians. All tensors must have the same
+    dtype and device, which are also those of the image. Raise InputError for values outside the
+    domain (see shapes_of).
     """
-    shapes = shapes_of(
-        height, width, mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity,
-        background=background, beta=beta,
-    )  # fmt: skip
-    return _blended(shapes, height, width, additive=False)
-
-
-def accumulate(
-    mean: torch.Tensor,
-    sigma: torch.Tensor,
-    rho: torch.Tensor,
-    color: torch.Tensor,
-    background: torch.Tensor,
-    height: int,
-    width: int,
-) -> torch.Tensor:
-    """Return the unclipped sum (height, width, 3) of the background and n Gaussians.
-
-    The order of the Gaussians does not matter. Colours (n, 3) are signed. Otherwise the arguments,
-    dtypes, devices and errors are as in `composite`.
-    """
-    shapes = shapes_of(
-        height, width, mean=mean, sigma=sigma, rho=rho, color=color, background=background
-    )
-    return _blended(shapes, height, width, additive=True)
+    shapes = shapes_of(height, width, mean, sigma, rho, color, opacity, background, beta)
+    return _blended(shapes, height, width, additive=opacity is None)
 
 
 def _blended(
@@ -181,26 +160,25 @@ def render_reference(
     return image.clamp(0, 1) if additive else image
 
 
-def shapes_of(height: int, width: int, **tensors: Any) -> tuple[torch.Tensor, ...]:
-    """Check tensors by their names, and return them as the list _NAMES orders them.
+def shapes_of(height: int, width: int, *tensors: Any) -> tuple[torch.Tensor, ...]:
+    """Check the tensors of `composite`, in the order of _NAMES, and return them.
 
     height, width  sides of the image, which a picture as the background must have
 
-    If opacity or beta is None or missing, it becomes 1 for all shapes. Raise InputError if a tensor
-    has a wrong shape, and if an element is not finite or is outside the domain of its parameter.
-    The domains are those of gauss2svg.scene.scene.Scene, except that colours may be signed with
-    both blends.
+    If opacity or beta is None, it becomes 1 for all shapes. Raise InputError if a tensor has a
+    wrong shape, and if an element is not finite or is outside the domain of its parameter. The
+    domains are those of gauss2svg.scene.scene.Scene, except that colours may be signed with both
+    blends.
     """
     side_of("height", height)
     side_of("width", width)
+    mean, _, rho, *_ = tensors
     shapes = []
-    for name in _NAMES:
-        tensor = tensors.get(name)
-        if tensor is None:
-            tensor = torch.ones_like(tensors["rho"])
+    for name, tensor in zip(_NAMES, tensors, strict=True):
+        tensor = torch.ones_like(rho) if tensor is None else tensor
         allowed, least, most = [(3,), (height, width, 3)], -MOST_SIGNED, MOST_SIGNED
         if parameter := _BY_NAME.get(name):
-            allowed = [parameter.shape(len(tensors["mean"]))]
+            allowed = [parameter.shape(len(mean))]
             if name != "color":
                 least, most = parameter.least, parameter.most
         if tuple(tensor.shape) not in allowed:

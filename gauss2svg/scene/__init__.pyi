@@ -22,7 +22,6 @@ from .scene import (
 from .scene import (
     Scene as Scene,
     narrowing_of as narrowing_of,
-    peaks_of as peaks_of,
     whitening_of as whitening_of,
 )
 

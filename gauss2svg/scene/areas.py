@@ -28,28 +28,51 @@ MOST_COORDINATE = 1e9  # largest absolute value of a coordinate, in px
 MOST_STOPS = 64  # largest number of stops of a gradient
 
 
+def checked_array(
+    name: str,
+    values: Any,
+    shape: tuple[int, ...],
+    low: float,
+    high: float,
+    domain: str = "",
+    advice: str = "to clip it",
+) -> NDArray[np.float64]:
+    """Return a copy of `values` as float64.
+
+    A -1 in `shape` stands for any length. Raise SceneError if the values have another shape, or if
+    one is not in low..high.
+
+    name, domain, advice  the error is "NAME[INDEX] must be finite and in LOW..HIGH DOMAIN; got
+                          VALUE. Try ADVICE"
+    """
+    try:
+        # Masked elements become NaN, and the test below refuses NaN.
+        values = np.ma.filled(np.asanyarray(values), np.nan)
+        array = values.astype(np.float64, "C", "same_kind", subok=False)
+    except Exception as error:
+        # NumPy and torch (if a tensor requires_grad) raise many classes, so all are caught.
+        raise SceneError(f"{name} must be numbers; got {brief(error)}") from None
+    sides = zip(array.shape, shape, strict=False)
+    if array.ndim != len(shape) or any(side != most != -1 for side, most in sides):
+        needed = str(shape).replace("-1", "n")
+        raise SceneError(f"{name} must be of shape {needed}; got {array.shape}")
+    bad = ~((array >= low) & (array <= high))
+    if bad.any():
+        at = tuple(int(i) for i in np.argwhere(bad)[0])
+        advice = "to replace NaN and masked values" if np.isnan(array[at]) else advice
+        raise SceneError(
+            f"{name}{list(at) or ''} must be finite and in {low:.16g}..{high:.16g}{domain}; got "
+            f"{array[at]!s}. Try {advice}"
+        )
+    return array
+
+
 def _numbers(
     name: str, values: Any, shape: tuple[int, ...], high: float, least: float | None = None
 ) -> Any:
-    """Return `values` as nested tuples of floats.
-
-    A -1 in `shape` stands for any length. Raise SceneError if the values have another shape, or if
-    one is not in least..high. If `least` is None, it is -high.
-    """
-    low = -high if least is None else least
-    try:
-        array = np.array(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise SceneError(f"{name} must be numbers; got {brief(error)}") from None
-    if array.size == 0 and -1 in shape:
-        array = array.reshape([max(side, 0) for side in shape])
-    sides = zip(array.shape, shape, strict=False)
-    if array.ndim != len(shape) or any(side != most != -1 for side, most in sides):
-        raise SceneError(f"{name} must be of shape {shape}; got {array.shape}")
-    if not ((array >= low) & (array <= high)).all():
-        raise SceneError(f"{name} must be in {low:g}..{high:g}; got {quoted(array.tolist())}")
-    values = array.tolist()
-    return tuple(map(tuple, values)) if len(shape) == 2 else tuple(values) if shape else values
+    """Return `values` as nested tuples of floats in least..high. A `least` of None is -high."""
+    numbers = checked_array(name, values, shape, -high if least is None else least, high).tolist()
+    return tuple(map(tuple, numbers)) if len(shape) == 2 else tuple(numbers) if shape else numbers
 
 
 @dataclass(frozen=True)
@@ -306,7 +329,6 @@ def areas_from_json(text: str) -> tuple[Area, ...]:
     for row in json.loads(text):
         row["outlines"] = [Outline(**outline) for outline in row["outlines"]]
         if isinstance(paint := row["paint"], dict):
-            paint.pop("kind", None)  # some files have it
             row["paint"] = (LinearGradient if "start" in paint else RadialGradient)(**paint)
         areas.append(Area(**row))
     return tuple(areas)

@@ -1,92 +1,35 @@
 """Inks: the few colours in which a picture is drawn. A user lists them, or they are chosen here.
 
+gauss2svg.scene.ink_lists reads the lists of users.
+
 On paper, a picture also has the paper's colour where nothing is printed. If the inks overprint, it
 has the products of paper and inks too (printed_colors).
 """
 
 from __future__ import annotations
 
-import io
 import itertools
 import math
-import os
-from collections.abc import Sequence
-from contextlib import suppress
-from typing import TYPE_CHECKING, Any
 
-from gauss2svg.errors import plain_scalar, quoted, refusal
-from gauss2svg.files import reading
-from gauss2svg.options import Field, file_name, hex_of
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:  # not at run time, because --help needs this module but not NumPy
-    import numpy as np
-    from numpy.typing import NDArray
+from gauss2svg import portable
+from gauss2svg.errors import refusal
+from gauss2svg.photo.pixels import linear_light
+from gauss2svg.scene import Scene
+from gauss2svg.without_scipy import nearest_entry, weighted_means
 
-    from gauss2svg.scene import Scene
-
-    _Numbers = NDArray[np.float64]
-
-    # The number of inks, or their colours, or the path of a palette file. The command line builds
-    # its option from the simpler type below, because it cannot read a sequence.
-    Inks = int | str | os.PathLike[str] | Sequence[str]
-else:
-    Inks = int | str
-
-LEAST_INKS, MOST_INKS = 2, 64
-MOST_TONES = 7  # tones of an ink that overprints. Two inks then have 64 mixes
-PALETTE_SUFFIX = ".gpl"
-_ADVICE = '6, or "#f7c306,#c0322c,#17324d"'
+_Numbers = NDArray[np.float64]
 # These factors turn the three levels of a colour into one number, their weighted sum. Such numbers
 # are sorted faster than triples of levels.
 _CODE = (65536, 256, 1)
 
 
-def check_inks(name: str, value: Any) -> int | str:
-    """Return the number of inks, or their colours as "#rrggbb,#rrggbb,..".
-
-    name   name of the option, which errors show
-    value  a number, hex colours in a text or a sequence, or the path of a .gpl file
-
-    Raise InputError if the value is none of these, if the number of inks to choose is not in
-    LEAST_INKS..MOST_INKS, if more than MOST_INKS are listed, or if a colour occurs twice.
-    """
-    value = plain_scalar(value)
-    if isinstance(value, str):
-        with suppress(ValueError):  # it is no number, or one of thousands of digits
-            value = int(value)
-    if isinstance(value, int) and not isinstance(value, bool):
-        return Field(name, int, LEAST_INKS, MOST_INKS).checked(value)
-    texts: Any = value.split(",") if isinstance(value, str) else value
-    if isinstance(value, os.PathLike) or (
-        isinstance(value, str) and value.strip().lower().endswith(PALETTE_SUFFIX)
-    ):
-        texts = _read_palette(name, file_name(name, value))
-    try:
-        inks = [hex_of(text) for text in texts]
-    except (TypeError, ValueError) as error:
-        needed = "colours such as #c0322c or red, a number of them or a .gpl file"
-        close = str(error) if isinstance(error, ValueError) else ""
-        raise refusal(name, needed, quoted(value), close or _ADVICE) from None
-    if not 1 <= len(inks) == len(set(inks)) <= MOST_INKS:
-        raise refusal(name, f"1 to {MOST_INKS} different colours", quoted(value), _ADVICE)
-    return ",".join(inks)
-
-
 def ink_colors(inks: str) -> _Numbers:
     """Return the sRGB values (k, 3) in 0..1 of inks listed as "#rrggbb,#rrggbb,.."."""
-    import numpy as np
-
     levels = [list(bytes.fromhex(ink.removeprefix("#"))) for ink in inks.split(",")]
     return np.array(levels, np.float64) / 255
-
-
-def check_paper(name: str, value: Any) -> str:
-    """Return a colour as "#rrggbb". Raise InputError if `value` is not a colour."""
-    try:
-        return hex_of(value)
-    except ValueError as error:
-        needed = "a colour such as white, #fa0 or #ffaa00"
-        raise refusal(name, needed, quoted(value), str(error)) from None
 
 
 def printed_colors(
@@ -104,8 +47,6 @@ def printed_colors(
     a colour is the product of these and the paper. If several mixes have the same colour, the one
     of least strength is taken.
     """
-    import numpy as np
-
     colors = ink_colors(inks)
     # In sRGB, a pale cream is .15 away from white, and a pale skin .3.
     if paper is None and (np.square(1 - colors).sum(axis=1) > 0.4**2).all():
@@ -155,11 +96,6 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str, paper: str | None = N
     """
     if isinstance(inks, str):
         return inks
-    import numpy as np
-
-    from gauss2svg import portable
-    from gauss2svg.without_scipy import nearest_entry, weighted_means
-
     if paper is not None:  # one ink more is chosen, and the one nearest to the paper left out
         names = inks_of(pixels, inks + 1).split(",")
         apart = np.square(oklab(ink_colors(",".join(names))) - oklab(ink_colors(paper)))
@@ -227,10 +163,6 @@ def _without_mixes(
 
     These have pixels of little weight, and are near a mix of two other inks.
     """
-    import numpy as np
-
-    from gauss2svg import portable
-
     for one in sorted(inks, key=lambda ink: ink[0]):
         others = [ink[1] / 255 for ink in inks if ink is not one]
         for first, last in itertools.combinations(others, 2):
@@ -246,11 +178,6 @@ def _without_mixes(
 
 def oklab(colors: NDArray[np.floating]) -> _Numbers:
     """Return L, a and b (.., 3) of sRGB colours (.., 3) in 0..1, by Oklab (Ottosson, 2020)."""
-    import numpy as np
-
-    from gauss2svg import portable
-    from gauss2svg.photo.pixels import linear_light
-
     # From linear sRGB to the responses of cones, and from their cube roots to L, a and b.
     to_cones = (
         (0.4122214708, 0.5363325363, 0.0514459929),
@@ -273,8 +200,6 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers, 
     an alpha below 0.5 are ignored. The weight of a colour is the sum of the weights of its pixels.
     The weight of a pixel is 1, or less if a neighbouring pixel has another colour.
     """
-    import numpy as np
-
     steps = np.zeros(pixels.shape[:2])
     for axis in (0, 1):
         step = np.moveaxis(np.abs(np.diff(pixels, axis=axis)).max(axis=2), axis, 0)
@@ -297,20 +222,6 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers, 
     _, first, inverse = np.unique(levels @ _CODE, return_index=True, return_inverse=True)
     weights = np.bincount(inverse, share).astype(np.float64)
     return levels[first], weights, np.bincount(inverse).astype(np.float64)
-
-
-def _read_palette(name: str, path: str) -> list[str]:
-    """Return the distinct colours of a palette file of GIMP or Inkscape, each as six hex digits."""
-    from PIL.GimpPaletteFile import GimpPaletteFile
-
-    with reading(path, "a palette file") as file:
-        lines = [line.strip() for line in file.read(1_000_000).splitlines() if line.strip()]
-    try:
-        levels = GimpPaletteFile(io.BytesIO(b"\n".join(lines))).palette
-    except (SyntaxError, ValueError):
-        needed = "a palette of GIMP, with three levels of 0 to 255 a line"
-        raise refusal(name, needed, quoted(path), _ADVICE) from None
-    return list(dict.fromkeys(levels[k : k + 3].hex() for k in range(0, len(levels), 3)))
 
 
 def inks_in(

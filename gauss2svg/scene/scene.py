@@ -16,7 +16,7 @@ import math
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, BinaryIO, ClassVar, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,7 @@ from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted
 from gauss2svg.files import write_atomically
 from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
-from gauss2svg.scene.areas import Area, areas_from_json, areas_to_json
+from gauss2svg.scene.areas import Area, areas_from_json, areas_to_json, checked_array
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # bounds in px of a side of the canvas
@@ -125,29 +125,15 @@ class Parameter:
         if values is None:
             size = 0 if self.default is None else count or 0
             values = np.full(self.shape(size), self.default or 0)
-        try:
-            # Masked elements become NaN, and the test below refuses NaN.
-            values = np.ma.filled(np.asanyarray(values), np.nan)
-            array = values.astype(np.float64, "C", "same_kind", subok=False)
-        except Exception as error:
-            # NumPy and torch (if a tensor requires_grad) raise many classes, so all are caught.
-            raise SceneError(f"scene {self.name} must be numbers; got {brief(error)}") from None
-        shape = self.shape(len(np.atleast_1d(array)) if count is None else count)
-        if array.shape != shape:
-            raise SceneError(f"scene {self.name} must be of shape {shape}; got {array.shape}")
-        whole = np.issubdtype(self.dtype, np.integer)
-        bad = ~((array >= low) & (array <= high)) | (whole & (array != np.rint(array)))
-        if bad.any():
-            at = tuple(int(i) for i in np.argwhere(bad)[0])
-            advice = "to replace NaN and masked values" if np.isnan(array[at]) else self.advice
-            raise SceneError(
-                f"scene {self.name}{list(at) or ''} must be finite{' and whole' * whole} and in "
-                f"{low:.16g}..{high:.16g}{' in an additive scene' * (blend == ADD)}; got "
-                f"{array[at]!s}. Try {advice}"
-            )
-        array = array.astype(self.dtype, copy=False)
-        array.flags.writeable = False
-        return array
+        name, domain = f"scene {self.name}", " in an additive scene" * (blend == ADD)
+        shape = self.shape(-1 if count is None else count)
+        array = checked_array(name, values, shape, low, high, domain, self.advice)
+        whole = array.astype(self.dtype, copy=False)
+        if (whole != array).any():
+            at = int(np.argmax(whole != array))
+            raise SceneError(f"{name}[{at}] must be whole; got {array[at]}. Try to round it")
+        whole.flags.writeable = False
+        return whole
 
 
 _COLOR_ADVICE = "to clip it, or to divide by 255 what is in 8 bits"
@@ -244,7 +230,7 @@ class Scene:
                    first; none if blend is "add"
 
     A signed colour is what its Gaussian adds to the image at its mean. The paper uses coefficients
-    of normal densities instead: see `densities` and `peaks_of`.
+    of normal densities instead, which are 2 pi sqrt(det Sigma) times as large.
 
     Arrays are copied, read-only and float64, except that round_index and level are int32, and drawn
     is int8. Both renderers draw any scene of this domain, with finite gradients. write_svg refuses
@@ -267,8 +253,6 @@ class Scene:
     drawn: NDArray[np.int8] = _DEFAULT
     areas: tuple[Area, ...] = ()
     level: NDArray[np.int32] = _DEFAULT
-
-    _repr_html_: ClassVar[Callable[[Scene], str]]  # set by gauss2svg.svg.file, for notebooks
 
     def __post_init__(self) -> None:
         for name, choices in (("blend", BLENDS), ("transparent", (False, True))):
@@ -382,22 +366,6 @@ class Scene:
         At the offset (u, v) px from the mean, r^2 is (w11 u)^2 + (w21 u + w22 v)^2.
         """
         return whitening_of(self.sigma, self.rho)
-
-    @property
-    def conic(self) -> NDArray[np.float64]:
-        """Inverse covariance matrices (n, 2, 2) in 1/px^2."""
-        w11, w21, w22 = self.whitening.T
-        entries = [w11 * w11 + w21 * w21, w21 * w22, w21 * w22, w22 * w22]
-        return np.stack(entries, axis=1).reshape(-1, 2, 2)
-
-    @property
-    def densities(self) -> NDArray[np.float64]:
-        """The colours as coefficients (n, 3) in px^2 of normal densities, as in the paper.
-
-        A coefficient is 2 pi sqrt(det Sigma) color. The product of a coefficient and the density
-        exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) is color exp(-r^2 / 2).
-        """
-        return self.color * _volume(self.sigma, self.rho)[:, None]
 
     @property
     def ellipse_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -525,18 +493,3 @@ def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArra
     sx, sy = sigma.T
     k = narrowing_of(rho)
     return np.stack([1 / sx, -rho / (sx * k), 1 / (sy * k)], axis=1)
-
-
-def _volume(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the integrals (n,) in px^2 of Gaussians with a peak of 1: 2 pi sqrt(det Sigma)."""
-    return 2 * np.pi * sigma.prod(axis=1) * narrowing_of(rho)
-
-
-def peaks_of(
-    densities: NDArray[np.float64], sigma: NDArray[np.float64], rho: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the `color` (n, 3) of an additive scene whose Scene.densities are `densities` (n, 3).
-
-    It is densities / (2 pi sx sy sqrt(1 - rho^2)). sigma (n, 2) is in px, and rho is (n,).
-    """
-    return densities / _volume(sigma, rho)[:, None]

@@ -12,7 +12,7 @@ from gauss2svg.options import Field, byte_size, fields_of, flag_of, texts_of
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
-from gauss2svg.scene.inks import PALETTE_SUFFIX
+from gauss2svg.scene.ink_lists import PALETTE_SUFFIX
 from gauss2svg.studio.jobs import MASK
 
 # Largest number of pixels of a PNG. Drawing so large a PNG takes half a gigabyte of memory.

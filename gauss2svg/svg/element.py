@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from string import ascii_letters
 from typing import NamedTuple
 
@@ -64,17 +64,13 @@ class Element:
 
     def text(self) -> str:
         """Return the element as SVG text, without white space between tags."""
-        begin, inside = f"<{self.tag}{attributes_text(self.attributes)}", self.inside
+        attributes = "".join([f' {name}="{value}"' for name, value in self.attributes.items()])
+        begin, inside = f"<{self.tag}{attributes}", self.inside
         if inside is None:
             return begin + "/>"
         if not isinstance(inside, str):
             inside = "".join([one.text() for one in inside])
         return f"{begin}>{inside}</{self.tag}>"
-
-
-def attributes_text(attributes: Mapping[str, str]) -> str:
-    """Return the attributes as they stand in a tag, with a space before each of them."""
-    return "".join([f' {name}="{value}"' for name, value in attributes.items()])
 
 
 def clipped(

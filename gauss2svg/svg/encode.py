@@ -54,8 +54,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.options import Field
-from gauss2svg.scene import ABOVE, BLURRED, PLAIN, SOFT, Scene
+from gauss2svg.errors import instance, refusal, required
+from gauss2svg.scene import ABOVE, ADD, BLURRED, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.falloff import (
     RIM_WIDTH,
@@ -77,6 +77,7 @@ from gauss2svg.svg.element import Element, Floats, hex_color, number, short_id, 
 from gauss2svg.svg.forms import BLURS, CLEAR, Blur, as_written, gradient_stops, nearest_blurs
 from gauss2svg.version import __version__
 
+PORTABLE = "the alpha-composited form (--portable)"  # advice on an additive scene
 LARGE_FROM = (
     16.0  # smallest exponent at which a gradient has the radius 100 (docs/decisions/svg.md)
 )
@@ -184,11 +185,23 @@ def editable_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str
     return _layered_svg(scene, document, areas.paths, elements, boxes, by_ink, **look)
 
 
-def outlines_svg(scene: Scene, document: Document, stroke_width: float) -> str:
-    """Return the file of gauss2svg.svg.write.outline_svg, with the same arguments and errors."""
-    width = Field("stroke_width", float, 0.01, 100.0).checked(stroke_width)
+def outline_svg(scene: Scene, document: Document | None = None) -> str:
+    """Return the SVG text of a scene whose shapes are drawn as strokes alone.
+
+    Each shape is an <ellipse> along the contour at which the falloff is half of its height. Its
+    stroke is opaque, 0.5 px wide and of the colour of the shape. The outlines of areas and the
+    lines of a scene are such strokes too. The layers are those of write_svg. There is no
+    background. Shapes whose extent or opacity is written as 0 are left out. Result.plot has the
+    strokes of a pen plotter.
+
+    Raise InputError for an additive scene.
+    """
+    document = instance(document, "document", Document)
+    if required(scene, "scene", Scene).blend == ADD:
+        got = "'add', whose colours are differences and show nothing by themselves"
+        raise refusal("blend of a scene with outlines", "'over'", got, PORTABLE)
     # Lengths in px, opacities and degrees have two decimals.
-    strokes = []  # areas and lines, in the first colour of their paint
+    width, strokes = 0.5, []  # areas and lines, in the first colour of their paint
     for area in scene.areas:
         color = area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
         look = {"paint": color, "opacity": float(area.opacity >= 0.005), "width": width}
@@ -207,7 +220,7 @@ def outlines_svg(scene: Scene, document: Document, stroke_width: float) -> str:
         place = {"cx": x, "cy": y, "rx": rx, "ry": ry}
         ellipses.append(Element("ellipse", **place, stroke=stroke, transform=turn))
     root = {"fill": "none", "stroke-width": number(width, 2)}
-    half = (radius[:, None] * scene.sigma + 0.5 * float(root["stroke-width"]))[kept]
+    half = (radius[:, None] * scene.sigma + 0.5 * width)[kept]
     scene, areas = scene.select(kept), element.area_elements(lines, 2)
     boxes = np.vstack([0.01 * areas.boxes, element.boxes_of(scene.mean, half)])
     scale = "scale(.01)"

@@ -4,10 +4,6 @@ A file that is read is not trusted. Everything before its root is dropped, so th
 parser nor a renderer sees a document type or a declared encoding. A file is refused if it has more
 bytes than the limit, or a document type with declarations other than those of plain texts, which
 Illustrator writes. References to these are replaced by the texts.
-
-IPython shows a scene by its method `_repr_html_`. `gauss2svg.scene` cannot define this method,
-because it must not import a renderer. So this module sets it, and both the package and the reader
-import `Scene` from here.
 """
 
 from __future__ import annotations
@@ -29,7 +25,7 @@ from typing import Any, NamedTuple
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import UTF16_MARKS, reason_of
 from gauss2svg.options import file_name
-from gauss2svg.scene import Scene
+from gauss2svg.photo import PREFIX_BYTES, Format, format_of
 from gauss2svg.svg import MM, NAMESPACE, signed
 
 SvgSource = Any  # a path, a text that begins with <, bytes or a binary file
@@ -87,24 +83,15 @@ def read_source(
 
 
 def _decoded(data: bytes, name: str) -> str:
-    """Return the text of a file in its encoding.
+    """Return the text of a file in UTF-16 with its mark, in UTF-8, or else in Latin-1.
 
-    That is UTF-8, as in browsers, if the declared one is unknown or could not have the ASCII
-    characters of its declaration.
+    A file in another encoding is read as Latin-1. Only its texts and names are then wrong.
     """
-    declared = re.match(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""", data)
-    encoding = "utf-16" if data.startswith(UTF16_MARKS) else "utf-8"
-    if declared:
-        with suppress(LookupError, ValueError):
-            named = declared[1].decode()
-            encoding = named if "<?xml".encode(named) == b"<?xml" else encoding
-    try:
-        return data.decode(encoding)
-    except ValueError as error:
-        needed = f"an SVG in {encoding[:40]}"
-        pictures = {b"\x89PNG": "a PNG picture", b"\xff\xd8\xff": "a JPEG picture"}
-        got = next((pictures[start] for start in pictures if data.startswith(start)), brief(error))
-        raise refusal(name, needed, got, "to save it as SVG in UTF-8") from error
+    if isinstance(kind := format_of(data[:PREFIX_BYTES]), Format):
+        raise refusal(name, "an SVG", f"a {kind.name} picture", "to save it as SVG")
+    with suppress(ValueError):
+        return data.decode("utf-16" if data.startswith(UTF16_MARKS) else "utf-8")
+    return data.decode("latin-1")
 
 
 def from_root(text: str) -> str:
@@ -314,17 +301,3 @@ def image(data: bytes, media_type: str, alt: str) -> str:
     """
     source = f"data:{media_type};base64,{base64.b64encode(data).decode()}"
     return f'<img alt="{html.escape(alt)}" style="max-width:100%" src="{source}"/>'
-
-
-def picture(scene: Scene) -> str:
-    """Return HTML that shows a scene as a JPEG.
-
-    The JPEG has about 50 kB, whatever the number of Gaussians.
-    """
-    # Imported here because it is seldom needed.
-    from gauss2svg.render import as_jpeg
-
-    return image(as_jpeg(scene), "image/jpeg", repr(scene))
-
-
-Scene._repr_html_ = picture

@@ -62,7 +62,6 @@ import numpy as np
 
 from gauss2svg import portable
 from gauss2svg.errors import instance, quoted, refusal
-from gauss2svg.options import Field
 from gauss2svg.scene import ABOVE, ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Area, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, drawn_radius, nearest_class
 from gauss2svg.svg import DEFAULT_TITLE, STOP_COUNTS, Document, element, signed
@@ -113,7 +112,7 @@ def minimal_svg(
 ) -> str:
     """Return the shortest SVG text of a scene. Coordinates are whole numbers of units.
 
-    unit    user unit in px of the canvas, 0.001..1e6
+    unit    user unit in px of the canvas
     digits  number of hex digits of a colour, 3 or 6
     opacity_decimals  number of decimals of opacities
     stops   number of stops of a gradient, one of STOP_COUNTS
@@ -331,10 +330,9 @@ def rounded(
     unit    user unit in px
     digits  number of hex digits of a colour, 3 or 6
 
-    Raise InputError if the unit is out of range, and for an additive scene. Raise SceneError if the
-    numbers of a shape are too large for a file.
+    Raise InputError for an additive scene. Raise SceneError if the numbers of a shape are too large
+    for a file.
     """
-    unit = Field("unit", float, 0.001, 1e6).checked(unit)
     if scene.blend == ADD:
         advice = "--portable, or --markup editable"
         raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -34,14 +33,13 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from gauss2svg import portable
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
-from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, Area
+from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, Area, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
-from gauss2svg.svg import CANVAS, CURRENT_COLOR, file, paints
-from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, NUMBER, SVG, Scene, numbers
+from gauss2svg.svg import CANVAS, file, paints
+from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, SVG, numbers
 from gauss2svg.svg.paints import Fill, Gradient, color_of, reference_of, share_of, styled
 from gauss2svg.svg.paths import Affine, data_of, ellipses_of, length, nonzero, outlines_of
 
@@ -51,10 +49,11 @@ MOST_ELEMENTS = 4_000_000
 _DEEPEST = 100  # largest depth of nested groups
 _GROUPS = {"svg", "g", "use"}
 _SHAPES = {"path", "rect", "polygon", "polyline", "line", "circle", "ellipse"}
-# Attributes of fills and strokes that elements inherit.
+# Attributes of fills and strokes that elements inherit, and their values at the root.
 _INHERITED = {"fill", "fill-opacity", "fill-rule", "paint-order", "stroke", "stroke-width"}
 _INHERITED |= {"stroke-opacity", "stroke-linecap", "stroke-linejoin", "stroke-miterlimit"}
-_INHERITED |= {"stroke-dasharray"}
+_INHERITED |= {"stroke-dasharray", "color"}
+_USUAL = MappingProxyType({"color": "black", "fill": "black", "stroke": "none"})
 # Elements that draw nothing themselves.
 _SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "linearGradient"}
 _SILENT |= {"filter", "mask", "style", "clipPath"}
@@ -69,8 +68,6 @@ _EFFECTS |= {"marker", "marker-start", "marker-mid", "marker-end"}
 def read_svg(
     source: str | bytes | os.PathLike[str],
     *,
-    background: ArrayLike | None = None,
-    skip_hidden: bool = False,
     max_bytes: int = MOST_BYTES,
     max_elements: int = MOST_ELEMENTS,
 ) -> Scene:
@@ -87,12 +84,9 @@ def read_svg(
     The round of a shape comes from the label or the id of its group ("Round 3: ..", "round-3"). It
     is at least the round of the shapes below it. If a group at the top level has no such label or
     id, the group is a round of its own. A minimal file has one round. If a minimal file has no
-    size, the scene is in user units.
+    size, the scene is in user units. The scene of a file without a background is transparent.
 
     source       a path (.svg or .svgz), a text, or bytes
-    background   sRGB colour in 0..1 that the scene gets if the file has no background. If it is
-                 None, the scene of such a file is transparent
-    skip_hidden  skip hidden shapes and layers instead of refusing the file
     max_bytes, max_elements  limits of the gunzipped file. Raise them for a file that you trust
 
     Raise InputError if the file has anything that a scene cannot hold. The message names the
@@ -103,15 +97,7 @@ def read_svg(
     if text.count("<") - text.count("</") > max_elements:
         needed = f"of at most {max_elements} elements"
         raise refusal("the SVG", needed, "more", "a larger max_elements if you trust it")
-    return _Reader(file.parse(_in_own_color(text)), background, skip_hidden).scene()
-
-
-def _in_own_color(text: str) -> str:
-    """Return a file with the colour of its root in place of currentColor."""
-    own = re.search(' color="([^"]*)"', text[: text.find(">")])
-    if CURRENT_COLOR not in text or text.count(' color="') != bool(own):
-        return text
-    return text.replace(CURRENT_COLOR, f'="{own[1] if own else "#000"}"')
+    return _Reader(file.parse(text)).scene()
 
 
 class _State(NamedTuple):
@@ -123,7 +109,7 @@ class _State(NamedTuple):
     """
 
     onto: Affine
-    style: Mapping[str, str] = MappingProxyType({"fill": "black", "stroke": "none"})
+    style: Mapping[str, str] = _USUAL
     opacity: float = 1.0
     round: int = 0
     depth: int = 0
@@ -152,46 +138,21 @@ class _Shape(NamedTuple):
 class _Reader:
     """Reads one document: visits the elements and collects their shapes."""
 
-    def __init__(self, root: Any, background: ArrayLike | None, skip_hidden: bool) -> None:
-        self._skip_hidden = skip_hidden
+    def __init__(self, root: Any) -> None:
         self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
-        # The opacities of the stops in the style sheet. The keys are ids of gradients.
-        self._opacities = defaultdict[str, list[str]](list)
-        self._gradient = cache(lambda key: Gradient.of(self._by_id, key, self._opacities))
+        self._gradient = cache(lambda key: Gradient.of(self._by_id, key))
         self._falloff = cache(lambda key, in_mask: self._gradient(key).fill(in_mask))
         self._areas: list[Area] = []
         self._shapes: list[_Shape] = []
-        self._background = None if background is None else np.asarray(background, np.float64)
+        self._background: Any = None  # colour of the background
         for sheet in root.iter(SVG + "style"):
             with _naming(sheet):
-                self._read_sheet(sheet)
+                _check_sheet(sheet)
         with _naming(root):
             if root.tag != SVG + "svg":
                 raise refusal("the root", "an <svg> in the namespace of SVG", root.tag[:80])
             self._size, self._user_size, self._onto = _canvas(root.attrib)
         self._visit(root, _State(self._onto))
-
-    def _read_sheet(self, sheet: Any) -> None:
-        """Store the opacities that a style sheet gives to stops.
-
-        Raise InputError if the sheet has rules that write_svg does not write.
-        """
-        # Matches each rule that write_svg writes, once the blanks of the style sheet are removed.
-        rule = (
-            rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
-            rf"stop-opacity:({NUMBER})\}}|svg>g:target~g\{{display:none;?\}}"
-            r"|@media\(prefers-reduced-motion:no-preference\)"
-            r"\{@keyframesfade-in\{from\{opacity:0;?\}\}"
-            rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*+\}}"
-        )
-        text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
-        if len(sheet) or re.sub(rule, "", text):
-            needed = "one that write_svg writes for a scene whose blend is 'over'"
-            advice = "to write what it sets into the elements, or the scene of --save-scene"
-            raise refusal("the style sheet", needed, quoted((sheet.text or "").strip()), advice)
-        for key, opacity in re.findall(rule, text):
-            if key:
-                self._opacities[key].append(opacity)
 
     def _visit(self, element: Any, parent: _State) -> None:
         """Add the shapes of an element and of its children."""
@@ -212,10 +173,7 @@ class _Reader:
                 needed = "none, or an upright rectangle over the whole canvas"
                 raise refusal("its clip-path", needed, quoted(clip), "to remove it")
             if attributes.get("display", "").lower() == "none":
-                if self._skip_hidden and parent.depth:
-                    return
-                advice = "to show it, to delete it, or read_svg(.., skip_hidden=True)"
-                raise refusal("shapes", "visible", "a hidden one", advice)
+                raise refusal("shapes", "visible", "a hidden one", "to show it, or to delete it")
             if tag not in _GROUPS:
                 self._add(tag, attributes, state)
                 # A shape cannot have children that are shapes. Because of this depth, `_visit`
@@ -258,7 +216,7 @@ class _Reader:
             is_lowest = not (self._shapes or self._areas or state.has_stroke)
             is_plain = key is None and fill != "none" and not {"rx", "ry"} & attributes.keys()
             if is_lowest and is_plain and alpha == 1 and self._covers(sides, state.onto):
-                self._background = np.array(color_of(fill, "fill"))
+                self._background = color_of(fill, "fill")
                 return
             texts = {name: str(side) for name, side in sides.items()}
             tag, attributes = "rect", {**attributes, **texts}
@@ -378,7 +336,7 @@ class _Reader:
                 rho=rho,
                 color=np.array([shape.fill.color for shape in shapes]).reshape(-1, 3),
                 opacity=np.array([shape.opacity for shape in shapes]),
-                background=np.ones(3) if self._background is None else self._background,
+                background=self._background,
                 round_index=np.array([shape.round for shape in shapes], np.int32),
                 beta=beta,
                 drawn=np.array([shape.fill.drawn for shape in shapes], np.int8),
@@ -388,6 +346,21 @@ class _Reader:
             )
         except SceneError as error:
             raise InputError(f"the SVG must be one of write_svg; {error}") from error
+
+
+def _check_sheet(sheet: Any) -> None:
+    """Raise InputError if a style sheet has a rule that write_svg does not write."""
+    # The opacities of stops, fragments and animations, once the blanks are removed.
+    rules = (
+        r"""(?:\[href="#[A-Za-z]+"\]stop[+\w]*\{[^{}]*\}|svg>g:target~g\{display:none;?\}"""
+        r"|@media\(prefers-reduced-motion:no-preference\)\{@keyframesfade-in\{from\{[^{}]*\}\}"
+        r"(?:#round-\d+\{[^{}]*\})*\})*"
+    )
+    text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
+    if len(sheet) or not re.fullmatch(rules, text):
+        needed = "one that write_svg writes for a scene whose blend is 'over'"
+        advice = "to write what it sets into the elements, or the scene of --save-scene"
+        raise refusal("the style sheet", needed, quoted((sheet.text or "").strip()), advice)
 
 
 def _shows_all(outline: Affine, disc: Affine) -> bool:
@@ -435,7 +408,9 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     off = {"none", "normal", "inherit", "visible"}
     for name, value in attributes.items():
         if name in _INHERITED and value != "inherit":
-            changes["style"] = {**changes.get("style", parent.style), name: value}
+            style = changes.get("style", parent.style)
+            own = style["color"] if value == "currentColor" else value
+            changes["style"] = {**style, name: own}
         elif name == "transform":
             changes["onto"] = parent.onto @ Affine.of_text(value)
         elif name == "opacity":

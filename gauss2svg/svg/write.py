@@ -1,4 +1,4 @@
-"""Write SVG files: write_svg, outline_svg and plate_svg.
+"""Write SVG files: write_svg and plate_svg.
 
 gauss2svg.svg.encode makes editable files. Other elements could draw the same picture, but each of
 them is drawn wrongly by at least one renderer (docs/decisions/svg.md). gauss2svg.svg.additive makes
@@ -18,13 +18,19 @@ from html import escape
 
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg import CURRENT_COLOR, INKS, MINIMAL, ROUNDS, Document, SvgFormat
-from gauss2svg.svg.element import Element, attributes_text, hex_color, number
-from gauss2svg.svg.encode import editable_svg, outlines_svg
+from gauss2svg.svg import (
+    CURRENT_COLOR,
+    INKS,
+    MINIMAL,
+    NAMESPACE,
+    ROUNDS,
+    Document,
+    SvgFormat,
+)
+from gauss2svg.svg.element import hex_color, number
+from gauss2svg.svg.encode import PORTABLE, editable_svg
 from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.svg.minimal import HEX_DIGITS, minimal_svg
-
-_PORTABLE = "the alpha-composited form (--portable)"
 
 
 def write_svg(
@@ -92,7 +98,7 @@ def ordered_svg(
         )  # fmt: skip
     if not is_additive:
         return editable_svg(scene, svg_format, document)
-    document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
+    document.check_without_layers("additive blending", "whose layers are no rounds", PORTABLE)
     from gauss2svg.svg.additive import additive_svg  # imported here because few files need it
 
     return additive_svg(scene, svg_format, document)
@@ -155,55 +161,30 @@ def with_marks(plate: str, scene: Scene, document: Document | None, name: str) -
     The marks are crosses in circles, in the middle of each side. They are at the same places of all
     plates, so that sheets can be aligned. Lengths are in mm on paper.
     """
-    document = instance(document, "document", Document)
-    each = document.mm_each(scene.width)
+    each = instance(document, "document", Document).mm_each(scene.width)
     width, height = each * scene.width, each * scene.height
-    margin = 12.0  # mm around the plate, in which its marks and its name are
+    margin, r = 12.0, 3.0  # mm around the plate, in which its marks and its name are; radius
     across, down = width + 2 * margin, height + 2 * margin
     middles = ((across / 2, margin / 2), (across / 2, down - margin / 2))
     middles += ((margin / 2, down / 2), (across - margin / 2, down / 2))
-    r, d = margin / 4, ""
-    for x, y in middles:
-        d += f"M{x - r:.3f} {y:.3f}h{2 * r}m{-r} {-r}v{2 * r}"
-        d += f"M{x + r / 2:.3f} {y:.3f}a{r / 2} {r / 2} 0 1 1 {-r} 0 {r / 2} {r / 2} 0 1 1 {r} 0"
+    d = "".join(
+        f"M{x - r:.3f} {y:.3f}h{2 * r}m{-r} {-r}v{2 * r}"
+        f"M{x + r / 2:.3f} {y:.3f}a{r / 2} {r / 2} 0 1 1 {-r} 0 {r / 2} {r / 2} 0 1 1 {r} 0"
+        for x, y in middles
+    )
     # What reaches beyond the picture lies below this frame, even in editors that do not clip.
     frame = (
         f"M0 0H{across:.3f}V{down:.3f}H0zM{margin} {margin}v{height:.3f}h{width:.3f}v{-height:.3f}z"
     )
-    text = {"x": str(margin), "y": number(down - 0.4 * margin, 3), "font_size": number(r * 1.5, 3)}
-    sides = {"width": number(across, 3), "height": number(down, 3)}
-    inner = {"x": str(margin), "y": str(margin), "width": number(width, 3)}
+    inner, outer = ((number(x, 3), number(y, 3)) for x, y in ((width, height), (across, down)))
     start = plate.index("<svg")
-    end = plate.index(">", start) + 1
-    root = re.sub(r' (width|height)="[^"]*"', "", plate[start:end])
-    root = root.replace("<svg", f"<svg{attributes_text(inner | {'height': number(height, 3)})}", 1)
-    body = [
-        Element("path", d=frame, fill="#fff"),
-        Element("path", d=d, fill="none", stroke="#000", stroke_width="0.2", id="marks"),
-        Element("text", escape(name), font_family="sans-serif", id="name", **text),
-    ]
-    texts = [root + plate[end:].rstrip(), *(one.text() for one in body)]
-    outer = {"xmlns": "http://www.w3.org/2000/svg"} | {k: f"{v}mm" for k, v in sides.items()}
-    outer["viewBox"] = f"0 0 {sides['width']} {sides['height']}"
-    head = '<?xml version="1.0" encoding="utf-8"?>\n'
-    return f"{head}<svg{attributes_text(outer)}>{''.join(texts)}</svg>\n"
-
-
-def outline_svg(scene: Scene, document: Document | None = None, stroke_width: float = 0.5) -> str:
-    """Return the SVG text of a scene whose shapes are drawn as strokes alone.
-
-    Each shape is an <ellipse> along the contour at which the falloff is half of its height. Its
-    stroke is opaque and has the colour of the shape. The outlines of areas and the lines of a scene
-    are such strokes too. The layers are those of write_svg. There is no background. Shapes whose
-    extent or opacity is written as 0 are left out. Result.plot has the strokes of a pen plotter.
-
-    stroke_width  width of a stroke in px, 0.01..100
-
-    Raise InputError if the width is out of range, and for an additive scene.
-    """
-    scene = required(scene, "scene", Scene)
-    document = instance(document, "document", Document)
-    if scene.blend == ADD:
-        got = "'add', whose colours are differences and show nothing by themselves"
-        raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
-    return outlines_svg(scene, document, stroke_width)
+    end = plate.index(">", start)
+    root = re.sub(r' (width|height)="[^"]*"', "", plate[start + 4 : end])
+    return f"""<?xml version="1.0" encoding="utf-8"?>
+<svg {NAMESPACE} width="{outer[0]}mm" height="{outer[1]}mm" viewBox="0 0 {outer[0]} {outer[1]}">\
+<svg x="{margin}" y="{margin}" width="{inner[0]}" height="{inner[1]}"{root}{plate[end:].rstrip()}\
+<path d="{frame}" fill="#fff"/>\
+<path d="{d}" fill="none" stroke="#000" stroke-width="0.2" id="marks"/>\
+<text font-family="sans-serif" id="name" x="{margin}" y="{number(down - 0.4 * margin, 3)}" \
+font-size="{number(1.5 * r, 3)}">{escape(name)}</text></svg>
+"""

@@ -7,7 +7,7 @@ from test_find import scene_of
 from gauss2svg.areas.find import find_areas
 from gauss2svg.areas.scenes import as_rasterized
 from gauss2svg.photo.pixels import over
-from gauss2svg.raster import rasterize, rasterize_rgba
+from gauss2svg.raster import rasterize
 from gauss2svg.svg import MINIMAL, Document, SvgFormat
 from gauss2svg.svg.write import write_svg
 
@@ -23,11 +23,11 @@ CLEAR = FRAME.format(SHAPES)
 def fitted(picture):
     """Return the areas found in a picture, the same fitted to its raster, and the rasters."""
     found = find_areas(picture)
-    draw = rasterize if picture.shape[2] == 3 else rasterize_rgba
 
     def raster(areas):
         scene = scene_of(areas, found.background, SIDE, SIDE)
-        return draw(write_svg(scene, SvgFormat(markup=MINIMAL), Document()), SIDE, SIDE)
+        svg = write_svg(scene, SvgFormat(markup=MINIMAL), Document())
+        return rasterize(svg, SIDE, SIDE, alpha=picture.shape[2] == 4)
 
     areas = as_rasterized(picture, found.areas, found.background, raster)
     errors = [((over(raster(some)) - over(picture)) ** 2).mean() for some in (found.areas, areas)]
@@ -36,7 +36,7 @@ def fitted(picture):
 
 @pytest.mark.parametrize(
     "picture",
-    [rasterize(OPAQUE, SIDE, SIDE), rasterize_rgba(CLEAR, SIDE, SIDE)],
+    [rasterize(OPAQUE, SIDE, SIDE), rasterize(CLEAR, SIDE, SIDE, alpha=True)],
     ids=["opaque", "alpha"],
 )
 def test_areas_of_a_picture_that_the_renderer_made_draw_it_closer(picture):

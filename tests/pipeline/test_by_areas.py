@@ -20,7 +20,7 @@ from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline.found import Trials, nothing
 from gauss2svg.pipeline.outcome import Exporter, Subject
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.raster import rasterize, rasterize_rgba
+from gauss2svg.raster import rasterize
 from gauss2svg.scene.areas import Area, AreaCounts, Outline
 from gauss2svg.scene.inks import ink_colors, ink_name
 from gauss2svg.svg.file import file_bytes
@@ -35,7 +35,7 @@ SQUARE = Outline(((9, 9), (99, 9), (99, 99), (9, 99)), (False,) * 4)
 OTHER = Scene(SIDE, SIDE, areas=[Area([SQUARE], (0.8, 0.2, 0.2))])
 OPAQUE = FRAME.format(f'<path fill="#fff" d="M0 0h128v128H0z"/>{SHAPES}')
 DRAWING = rasterize(OPAQUE, SIDE, SIDE)
-CLEAR = rasterize_rgba(FRAME.format(SHAPES), SIDE, SIDE)
+CLEAR = rasterize(FRAME.format(SHAPES), SIDE, SIDE, alpha=True)
 SHADES = """<linearGradient id="a"><stop stop-color="#eef"/><stop offset="1" stop-color="#347"/>
 </linearGradient><path fill="url(#a)" d="M0 0h128v128H0z"/>"""
 SHADED = rasterize(FRAME.format(SHADES + SHAPES), SIDE, SIDE)
@@ -148,7 +148,7 @@ def test_a_start_has_areas_if_and_only_if_the_file_may_have_them(drawing):
 
 def glowing(side):
     """Return crisp shapes above soft spots, at any size."""
-    shapes = rasterize_rgba(FRAME.format(SHAPES), side, side)
+    shapes = rasterize(FRAME.format(SHAPES), side, side, alpha=True)
     return over(shapes, clouds(side))
 
 
@@ -320,7 +320,7 @@ def test_areas_and_gaussians_of_a_start_are_refined(glows):
 
 
 def test_a_photo_in_a_poster_is_one_area_below_gaussians():
-    shapes = rasterize_rgba(FRAME.format(SHAPES), SIDE, SIDE)
+    shapes = rasterize(FRAME.format(SHAPES), SIDE, SIDE, alpha=True)
     poster = np.full((SIDE + 140, 200, 3), [0.75, 0.85, 0.95], np.float32)
     poster[140:, 36:164] = over(shapes, (0.75, 0.85, 0.95))
     poster[10:130, 20:180] = data.coffee()[150:270, 200:360] / 255

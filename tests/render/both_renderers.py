@@ -5,8 +5,8 @@ import pytest
 from scenes import random_scene, random_sum
 from with_torch import torch
 
-from gauss2svg.render.autograd import fast_accumulate, fast_composite
-from gauss2svg.render.reference import accumulate, composite
+from gauss2svg.render.autograd import fast_composite
+from gauss2svg.render.reference import composite
 from gauss2svg.scene import ADD, OVER, Scene
 
 TORCH = {np.float32: torch.float32, np.float64: torch.float64}
@@ -28,8 +28,12 @@ def tensors_of(scene: Scene, dtype: torch.dtype = torch.float64) -> list[torch.T
 
 def drawn(scene: Scene, tensors: list[torch.Tensor], fast: bool = False) -> torch.Tensor:
     """The picture of tensors in place of a scene's parameters, by one of the two renderers."""
-    size = round(scene.height), round(scene.width)
+    renderer, size = (
+        fast_composite if fast else composite,
+        (round(scene.height), round(scene.width)),
+    )
     if scene.blend == ADD:
-        return (fast_accumulate if fast else accumulate)(*tensors, *size)
+        *others, background = tensors
+        return renderer(*others, None, background, *size)
     *others, beta = tensors
-    return (fast_composite if fast else composite)(*others, *size, beta)
+    return renderer(*others, *size, beta)

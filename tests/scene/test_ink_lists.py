@@ -5,7 +5,8 @@ import pytest
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import FitOptions
-from gauss2svg.scene.inks import check_inks, ink_colors, inks_of, printed_colors
+from gauss2svg.scene.ink_lists import check_inks
+from gauss2svg.scene.inks import ink_colors, inks_of, printed_colors
 
 GIVEN = "#f7c306,#c0322c,#17324d"
 

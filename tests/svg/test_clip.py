@@ -13,9 +13,10 @@ from screens import drawn_in_pages
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, Area, Scene
 from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg.encode import outline_svg
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
-from gauss2svg.svg.write import outline_svg, plate_svg, write_svg
+from gauss2svg.svg.write import plate_svg, write_svg
 
 WIDTH, HEIGHT = 40, 30
 WHOLE = Area([box(0, 0, 40, 30)], (0, 1, 0))
@@ -37,7 +38,7 @@ CLIPPED = {
     "arcs": lambda scene: write_svg(in_inks(scene), MINIMAL),
     "areas": lambda scene: write_svg(with_areas(scene)),
     "minimal areas": lambda scene: write_svg(with_areas(scene), MINIMAL),
-    "outline": partial(outline_svg, stroke_width=3.0),
+    "outline": outline_svg,
     "clear arcs": lambda scene: write_svg(in_inks(scene).replace(transparent=True), MINIMAL),
 }
 

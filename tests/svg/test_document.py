@@ -20,9 +20,10 @@ from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
 from gauss2svg.svg import DEFAULT_TITLE, Document, SvgFormat
+from gauss2svg.svg.encode import outline_svg
 from gauss2svg.svg.file import bytes_by_part, file_bytes, is_own
 from gauss2svg.svg.read import read_svg
-from gauss2svg.svg.write import outline_svg, write_svg
+from gauss2svg.svg.write import write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 ROOT = 'xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"'

@@ -194,7 +194,7 @@ def test_a_drawing_of_one_colour_has_it_at_the_root_alone(markup, color, clear):
     )
     np.testing.assert_array_equal(rasterize(own, 80, 60), rasterize(plain, 80, 60))
     assert read_svg(own).areas == read_svg(plain).areas
-    assert Survey(own[own.index("<svg") :]).remarks == ()
+    assert not Survey(own[own.index("<svg") :]).unknown
     assert own.count("#c30") == (color != (0, 0, 0))
     assert "#000" not in own
     # A page sets the colour.

@@ -21,9 +21,10 @@ from gauss2svg.scene.areas import Area, Outline
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.scene.inks import ink_colors, printed_colors
 from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg.encode import outline_svg
 from gauss2svg.svg.plates import Regions, grouped_by_ink, plate_of
 from gauss2svg.svg.read import read_svg
-from gauss2svg.svg.write import outline_svg, plate_svg, with_marks, write_svg
+from gauss2svg.svg.write import plate_svg, with_marks, write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 INKS = "#f7c306,#c0322c,#17324d"
@@ -91,7 +92,7 @@ def test_a_stroke_of_one_width_lies_where_the_falloff_is_half(sigma, rho, beta):
         beta=[beta],
     )  # fmt: skip
     y, x = np.mgrid[:400, :480] / 4 + 0.125
-    ink = 1 - rasterize(outline_svg(scene, stroke_width=0.5), 480, 400)[:, :, 0]
+    ink = 1 - rasterize(outline_svg(scene), 480, 400)[:, :, 0]
     w11, w21, w22 = scene.whitening[0]
     r = np.hypot(w11 * (x - 61), w21 * (x - 61) + w22 * (y - 47))
     # Off the contour by no more than half the width and a pixel of this finer raster.

@@ -182,16 +182,10 @@ def test_rounds_are_those_of_labels_ids_or_order(body, rounds):
     assert read_svg(document(clipped)).round_index.tolist() == rounds
 
 
-def test_a_missing_background_is_a_transparent_scene_and_hidden_shapes_may_be_left_out():
-    text = document(rect="")
-    assert read_svg(text).transparent
-    assert not read_svg(text, background=(0, 0.5, 1)).transparent
-    assert read_svg(text, background=(0, 0.5, 1)).background.tolist() == [0, 0.5, 1]
-    opaque = read_svg(document(), background=(0, 0, 0))
+def test_a_missing_background_is_a_transparent_scene():
+    assert read_svg(document(rect="")).transparent
+    opaque = read_svg(document())
     np.testing.assert_allclose(opaque.background * 255, [0xAA, 0xBB, 0xCC])
-    hidden = group("Round 1: 1").replace("<g", '<g style="display:none"')
-    shown = read_svg(document(hidden + group("Round 2: 1")), skip_hidden=True)
-    assert shown.round_index.tolist() == [1]
 
 
 SIZE = 'width="40" height="30" viewBox="0 0 40 30"'
@@ -220,7 +214,7 @@ REFUSED = {
     '<g id="g"/><use href="#g"/>': "its reference must be to a circle",
     '<g clip-path="url(#x)"/>': "its clip-path",
     "<style>#a rect{mix-blend-mode:difference}</style>": "whose blend is 'over'.*--save-scene",
-    '<g id="h" display="none"/>': '<g id="h">: .*got a hidden.*skip_hidden',
+    '<g id="h" display="none"/>': '<g id="h">: .*got a hidden',
     f'<g id="o" opacity=".5">{CIRCLE}</g>': '<g id="o">: opacity of a group must be 1',
     '<circle r="nan"/>': "<circle r=\"nan\">: r must be a finite number; got 'nan'",
     '<circle r="-1"/>': "radii must be 0 or more; got -1",
@@ -241,7 +235,7 @@ REFUSED = {
     f'<path transform="scale(1 2)" {STROKE}/>': "transforms of a stroke must be without",
     f'<path fill-rule="evenodd" fill="red" d="{STAR}"/>': "its fill-rule must be nonzero where",
     '<path fill="red" d="m0 0h9v9a5 5 0 0 2 3 3z"/>': "its d must be lines and curves",
-    '<path fill="red" d="m0 0h1e999v9z"/>': "points of an outline must be",
+    '<path fill="red" d="m0 0h1e999v9z"/>': "points of an outline.* must be",
     '<rect fill="red" width="1cm" height="9"/>': "width must be a finite number; got '1cm'",
     '<path fill="url(#again)" d="m0 0h9v9z"/>': "its gradient must be without",
     '<path fill="url(#point)" d="m0 0h9v9z"/>': "its gradient must be longer than 0",
@@ -266,7 +260,7 @@ WRITTEN = {
     "another circle": (SOFT.replace('<circle r="1"', '<circle r="2"'), "its mask must be"),
     "a filter of a use": (SOFT.replace('href="#a"', 'href="#a" filter="url(#c)"'), "its filter"),
     "another mask": (SOFT.replace("<mask", '<mask maskUnits="userSpaceOnUse"'), "its mask must be"),
-    "no colour": (SHEET.replace(' color="#f00"', ""), "opaque colour"),
+    "no colour": (SHEET.replace(' color="#f00"', ""), "its gradient must be"),
     "a sum": (write_svg(random_sum(4, 20, 20, 1)), "<style .* whose blend is 'over'"),
     "no file": ("/none/there.svg", "cannot read /none/there.svg"),
     "no source": (5, "source must be a path"),

@@ -30,10 +30,11 @@ from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.raster import refuse_unsupported
 from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg.encode import outline_svg
 from gauss2svg.svg.file import read_source
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
-from gauss2svg.svg.write import outline_svg, write_svg
+from gauss2svg.svg.write import write_svg
 
 DATA = Path(__file__).parents[1] / "data"
 PIXELS = np.random.default_rng(0).integers(0, 256, (16, 16, 3), np.uint8)

@@ -12,9 +12,9 @@ from rewritten import rewritten
 from gauss2svg import Scene, read_svg
 from gauss2svg.cli.main import main
 from gauss2svg.files import as_png, saved
-from gauss2svg.raster import rasterize_rgba
+from gauss2svg.raster import rasterize
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.svg.write import outline_svg
+from gauss2svg.svg.encode import outline_svg
 
 pytestmark = pytest.mark.usefixtures("hasty")
 
@@ -49,7 +49,7 @@ SLOW = {"Gaussians", "placeholder", "HTML", "inks"}
 def drawings(tmp_path_factory):
     """A folder with two pictures, and the files and the scene of the first."""
     folder = tmp_path_factory.mktemp("drawings")
-    (folder / "drawing.png").write_bytes(as_png(rasterize_rgba(DRAWING, 96, 96)))
+    (folder / "drawing.png").write_bytes(as_png(rasterize(DRAWING, 96, 96, alpha=True)))
     (folder / "ball.png").write_bytes(as_png(ball(64)))
     paths = [str(folder / name) for name in ("first.svg", "first.npz", "outlines.svg")]
     files = ("-o", paths[0], "--save-scene", paths[1], "--outline", paths[2])

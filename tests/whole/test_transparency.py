@@ -11,7 +11,7 @@ import gauss2svg
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.photo.pixels import BACKDROPS, BLACK, over, shrunk
-from gauss2svg.raster import BROWSERS, rasterize, rasterize_rgba
+from gauss2svg.raster import BROWSERS, rasterize
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
@@ -108,13 +108,13 @@ def test_losses_and_removal_costs_are_of_the_errors_over_white_and_over_black(ar
 def test_every_renderer_draws_glass_as_glass_and_the_file_transparent_where_the_photo_is(
     renderer, result, cut_out
 ):
-    drawn = rasterize_rgba(GLASS, 40, 30, renderer)
+    drawn = rasterize(GLASS, 40, 30, renderer, alpha=True)
     np.testing.assert_allclose(drawn[5, 5], [0, 0x88 / 255, 1, 1], atol=0.006)
     np.testing.assert_allclose(drawn[20, 10], [1, 0x88 / 255, 0, 0.5], atol=0.006)
     assert drawn[5, 30, 3] == 0
     if renderer not in BROWSERS:  # test_renderers draws their white pages
         np.testing.assert_allclose(over(drawn), rasterize(GLASS, 40, 30, renderer), atol=0.006)
-    drawn = rasterize_rgba(result.svg, 64, 64, renderer)
+    drawn = rasterize(result.svg, 64, 64, renderer, alpha=True)
     white, black, alpha = psnrs(drawn, cut_out)
     assert min(white, black) > 27
     assert alpha > 32
