@@ -348,7 +348,7 @@ def test_thin_lines_of_a_large_drawing_keep_their_color():
 def test_a_glow_around_letters_is_drawn_by_gaussians():
     letters = FRAME.format("""<path d="M24 24v80M24 64h44M68 24v80M94 24v80" fill="none"
     stroke="#fff" stroke-width="9"/>""")
-    alpha = rasterize_rgba(letters, 512, 512)[..., 3:]
+    alpha = rasterize(letters, 512, 512, alpha=True)[..., 3:]
     glow = 1.2 * ndimage.gaussian_filter(alpha, (4, 4, 0)) * (0.1, 0.7, 0.8) + (0.01, 0.01, 0.05)
     picture = np.round(255 * np.clip(glow + alpha * (1 - glow), 0, 1)) / 255
     result = vectorize(np.float32(picture))
