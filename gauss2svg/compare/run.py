@@ -25,7 +25,7 @@ from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure import packages_missing
 from gauss2svg.measure.check import check, enlarged
-from gauss2svg.measure.heatmap import error_map
+from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo.load import WHITE_MATTE, header_of, load_image
@@ -103,7 +103,7 @@ def _by_gauss2svg(request: Request) -> Run:
     report["notes"] = [note for note in report["notes"] if not note.startswith("--fragments")]
     if reference := request.get("reference"):
         size = report["width"], report["height"]
-        report["psnr_svg_enlarged"] = enlarged(result.svg, reference[0], size, reference[1]).psnr
+        report |= enlarged(result.svg, reference[0], size, reference[1])
     return Run(result.svg.encode(), report, result.raster, result.photo, cost, result)
 
 
@@ -214,12 +214,11 @@ def make_svg(request: Request) -> dict[str, Any]:
         request = {**request, "source": request["page_photo"]}
     finished = run(request)
     raster, photo = over(finished.raster), over(finished.photo)
-    errors = error_map(raster, photo)
     files = {
         "picture.svg": finished.data,
         "report.json": as_json(finished.report),
         "thumbnail.png": _thumbnail(finished.raster),
-        "errors.png": saved(lambda stream: errors.save(stream, "PNG", optimize=True)),
+        "errors.png": heatmap(raster, photo),
     }
     if finished.result is not None:
         files["scene.npz"] = saved(finished.result.scene.save)

@@ -3,14 +3,12 @@
 SSIMULACRA2 (package ssimulacra2) and FLIP (package flip-evaluator) agree better with what people
 see than PSNR and SSIM do. Each takes about a second for half a megapixel
 (docs/decisions/metrics.md). Both are given pictures of 8 bits a channel, like the pictures that
-their command lines read. FLIP runs in a process of its own,
-`python -m gauss2svg.measure.perceptual`.
+their command lines read. FLIP runs in a process of its own.
 """
 
 from __future__ import annotations
 
 import io
-import sys
 from collections.abc import Mapping
 
 import numpy as np
@@ -20,7 +18,8 @@ from PIL import Image
 from gauss2svg.measure import ON_REQUEST, Scores, packages_missing
 from gauss2svg.measure.metrics import check_shapes
 from gauss2svg.measure.roundtrip import score_of
-from gauss2svg.processes import MEMORY_SHARE, free_bytes, module_command, python_environment, run
+from gauss2svg.pool import Pool, WorkerDiedError
+from gauss2svg.processes import MEMORY_SHARE, free_bytes
 
 
 def perceptual_scores(
@@ -55,7 +54,9 @@ def perceptual_scores(
         else:
             try:
                 values[score.slug] = score_of(score, raster, photo)
-            except (ChildProcessError, ImportError) as error:
+            except WorkerDiedError as error:
+                obstacle = f"its process died: {error}"
+            except (ImportError, MemoryError) as error:
                 obstacle = str(error)
         if obstacle:
             missing.append(f"{score.name} is not measured: {obstacle}")
@@ -97,36 +98,20 @@ def flip(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
     Source: Andersson, Nilsson, Akenine-Moller, Oskarsson, Astrom and Fairchild, "FLIP: A Difference
     Evaluator for Alternating Images", 2020, in the package flip-evaluator.
 
-    Raise ChildProcessError if FLIP's process fails, as it does if the package is not installed.
+    Raise WorkerDiedError if its process dies, and ImportError if the package is not installed.
     """
-    height, width = photo.shape[:2]
     # FLIP runs in a new process. Its OpenMP would hang in a forked process if the parent process
     # has used OpenMP.
-    command = module_command("gauss2svg.measure.perceptual", str(height), str(width))
-    data = _eight_bits(photo).tobytes() + _eight_bits(image).tobytes()
-    ended = run(command, data, environment=python_environment())
-    if ended.status:
-        why = ended.complaint or "was there enough memory?"
-        raise ChildProcessError(f"its process ended with status {ended.status}: {why}")
-    return float(ended.output)
+    with Pool(1) as pool:
+        return pool.submit(_flip, _eight_bits(image), _eight_bits(photo)).result()
 
 
-def main() -> None:
-    """Read a photo and an image from standard input, and print their FLIP.
-
-    Both are (height, width, 3) of 8 bits. Height and width are the arguments of the program.
-    """
+def _flip(image: NDArray[np.uint8], photo: NDArray[np.uint8]) -> float:
     from flip_evaluator import evaluate
 
-    height, width = map(int, sys.argv[1:])
-    levels = np.frombuffer(sys.stdin.buffer.read(), np.uint8).reshape(2, height, width, 3)
-    photo, image = levels.astype(np.float32) / np.float32(255)
-    print(evaluate(photo, image, "LDR", applyMagma=False)[1])
+    of_photo, of_image = (one.astype(np.float32) / np.float32(255) for one in (photo, image))
+    return float(evaluate(of_photo, of_image, "LDR", applyMagma=False)[1])
 
 
 def _eight_bits(image: NDArray[np.floating]) -> NDArray[np.uint8]:
     return np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
-
-
-if __name__ == "__main__":
-    main()

@@ -34,7 +34,7 @@ from gauss2svg.compare.records import json_safe, record_or_error
 from gauss2svg.compare.run import outlines_with_nodes
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import as_json, as_png, replace, saved
-from gauss2svg.measure.heatmap import error_map
+from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline.options import Options, Progress
 from gauss2svg.pipeline.placeholder import Placeholder
@@ -251,8 +251,7 @@ def _files(result: Result, name: str, options: Options) -> Iterator[tuple[str, b
     yield "picture.svg", svg.encode()
     yield "report.json", as_json(report)
     yield "photo.png", as_png(result.photo)
-    errors = error_map(over(result.raster), over(result.photo))
-    yield "errors.png", saved(lambda stream: errors.save(stream, "PNG"))
+    yield "errors.png", heatmap(over(result.raster), over(result.photo))
     # For an additive picture, which has no outlines, this raises an error, and no file is written.
     with suppress(Gauss2SvgError):
         yield "outlines.svg", outlines_with_nodes(result)

@@ -21,7 +21,7 @@ from gauss2svg.compare.pages import NUMBERS
 from gauss2svg.compare.records import COUNTS as COUNTS_OF_PARTS
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure import SCORES
-from gauss2svg.measure.heatmap import error_map
+from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.pixels import over, pixels_of
 from gauss2svg.raster import rasterize
@@ -153,9 +153,9 @@ def test_photos_are_shown_without_loss_beside_their_errors_and_nothing_else_of_t
             assert np.array_equal(np.asarray(shown), np.round(wanted * 255))
         svg = site / row["files"]["SVG"]
         drawn = over(rasterize(svg.read_text(), row["width"], row["height"]))
-        with Image.open(svg.with_name("errors.png")) as errors:
-            expected = error_map(drawn, over(wanted)).convert("RGB")
-            np.testing.assert_array_equal(errors.convert("RGB"), expected)
+        with Image.open(svg.with_name("errors.png")) as shown:
+            expected = colors_of(np.round(errors(drawn, over(wanted))))
+            np.testing.assert_array_equal(shown.convert("RGB"), expected)
     assert SECRET.encode() in source_of(gallery, HOSTILE).read_bytes()
     for path in (path for path in site.rglob("*") if path.is_file()):
         data = path.read_bytes()
