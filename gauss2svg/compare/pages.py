@@ -7,21 +7,19 @@ from __future__ import annotations
 
 import os
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
-from html import escape
 from importlib.resources import files
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
-from gauss2svg.compare.grid import FOLDER, Grid, Progress, Task, csv_text
+from gauss2svg.compare.grid import FOLDER, Grid, Task, csv_text
 from gauss2svg.compare.records import COUNTS, Row
 from gauss2svg.compare.variants import Variant, entries_of, variants_of
 from gauss2svg.errors import OutputError, instance, on_one_line
@@ -32,7 +30,6 @@ from gauss2svg.pipeline.run import memory_limit, thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
-GalleryProgress = Progress
 # A row of gallery.json has these entries of a report. The reports of other tools lack some of them.
 NUMBERS = (
     "width", "height", *COUNTS, "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
@@ -65,10 +62,6 @@ class Gallery:
         """Path of the first page."""
         return self.directory / "index.html"
 
-    def _repr_html_(self) -> str:
-        """Return HTML with a link to the first page."""
-        return f'<a href="{escape(quote(self.index.as_posix()))}">{escape(repr(self)[1:-1])}</a>'
-
     def __repr__(self) -> str:
         counts = f"{len(self.rows)} SVGs, {len(self.failures)} failed"
         return f"<gauss2svg.Gallery {counts}, {self.index}>"
@@ -84,7 +77,7 @@ def build_gallery(
     axes: Mapping[str, Sequence[Any]] | None = None,
     options: GalleryOptions | None = None,
     command: str | None = None,
-    progress: Callable[[GalleryProgress], None] | bool | None = None,
+    progress: bool = False,
 ) -> Gallery:
     """Vectorise photos in several variants, and write web pages that compare them.
 
@@ -99,8 +92,7 @@ def build_gallery(
                high are compared.
     options    all other options, such as GalleryOptions(jobs=2, title="Flowers")
     command    command line that the pages show
-    progress   function that is called with a GalleryProgress when a step begins or ends. True shows
-               a bar on a terminal or in a notebook
+    progress   whether to show a bar on a terminal or in a notebook
 
     A finished SVG is kept. It is made again only if the bytes of the photo, the settings, the code
     of this package, the renderer or the packages that compute scores have changed. An interruption

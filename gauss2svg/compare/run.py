@@ -78,13 +78,10 @@ def run(request: Request) -> Run:
 
 def measure_run(request: Request) -> dict[str, Any]:
     """Return the benchmark's record of a run. Call this in a process of its own."""
-    if request.get("file") == "":
-        report, used = request["numbers"], {}
-    else:
-        finished = run(request)
-        report = finished.report | finished.cost
-        is_own = request["tool"] == records.TOOL
-        used = {name: report[name] for name in AXES if is_own and name in report}
+    finished = run(request)
+    report = finished.report | finished.cost
+    is_own = request["tool"] == records.TOOL
+    used = {name: report[name] for name in AXES if is_own and name in report}
     names = (*records.FILE_KEYS, *records.COUNTS, *records.OWN_KEYS)
     numbers = {name: report.get(name) for name in names} | {"versions": report.get("versions", {})}
     return {"used": request["settings"] | used, **numbers}
@@ -117,8 +114,7 @@ def _by_peer(request: Request) -> Run:
     photo = load_image(request["source"], matte=WHITE_MATTE, max_pixels=most).pixels
     if "file" in request:
         if request["file"] is None:
-            needed = "must have a file or a row for each photo"
-            raise PeerError(f"{tool} {needed}; got none for this one")
+            raise PeerError(f"{tool} must have a file for each photo; got none for this one")
         path, cost = Path(request["file"]), request["numbers"]
         suffix = path.suffix.lower()
         is_svg = suffix in SVG_ENDINGS
@@ -147,14 +143,13 @@ def _converted(
         png = Path(folder) / "photo.png"
         output = png.with_name(f"output{records.PEERS[tool].suffix}")
         png.write_bytes(as_png(photo))
-        call = records.record_or_error, records.convert_by, tool, settings, png, output
+        call = records.convert_by, tool, settings, png, output
         try:
             with Pool(1) as pool:
                 cost = pool.submit(*call, timeout=limit_s).result()
-        except TimeoutError:
-            cost = {"error": f"timed out after {limit_s:g} s. Try a longer --peer-timeout"}
-        if "error" in cost:
-            raise PeerError(cost["error"])
+        except TimeoutError as error:
+            line = f"timed out after {limit_s:g} s. Try a longer --peer-timeout"
+            raise PeerError(line) from error
         return output.read_bytes(), cost
 
 

@@ -12,14 +12,14 @@ import itertools
 import operator
 import os
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import BenchOptions
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
-from gauss2svg.compare.grid import FOLDER, Grid, Progress, Task, csv_text
+from gauss2svg.compare.grid import FOLDER, Grid, Task, csv_text
 from gauss2svg.compare.records import COUNTS, TOOL, Row
 from gauss2svg.compare.run import measure_run
 from gauss2svg.compare.variants import GRIDS, Variant, entries_of, peer_variants, settings_of
@@ -162,7 +162,7 @@ def run_bench(
     axes: Mapping[str, Sequence[Any]] | None = None,
     peers: Iterable[str] = (),
     options: BenchOptions = BenchOptions(),
-    progress: Callable[[Progress], None] | bool | None = None,
+    progress: bool = False,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process. Return the rows.
 
@@ -172,11 +172,9 @@ def run_bench(
                   with the other options at their defaults. If it is None, the settings are
                   gauss2svg.compare.variants.GRIDS. If it is empty, only peers are measured.
     peers         other tools, by their names in compare.records.PEERS. Tools that are not
-                  installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
-                  the numbers of another method.
+                  installed are skipped. "mine=FOLDER" stands for the files of another method.
     options       limits of the runs, references, the seed and the number of threads
-    progress      function that is called with a Progress when a run begins or ends. True shows a
-                  bar on a terminal or in a notebook
+    progress      whether to show a bar on a terminal or in a notebook
 
     rows.jsonl, bench.json, bench.csv, summary.md and the plots are written after every run. The
     same call continues an interrupted benchmark. A row without an error is kept if its photo, its

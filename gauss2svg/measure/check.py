@@ -162,7 +162,9 @@ def check(
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
     pixels, size = pixels_of(picture), (picture.width, picture.height)
     data, text = read_source(getattr(svg, "svg", svg), int(asked.max_svg_bytes))
-    larger = dict.fromkeys(("reference_scale", "psnr_svg_enlarged", "ssim_svg_enlarged"))
+    larger: dict[str, Any] = dict.fromkeys(
+        ("reference_scale", "psnr_svg_enlarged", "ssim_svg_enlarged")
+    )
     if reference is not None:
         scale, behind = asked.reference_scale or 4.0, WHITE if matte is None else matte
         larger = enlarged(text, reference, size, scale, asked, behind)

@@ -1,6 +1,7 @@
 """What a gallery keeps and makes again, what an interruption leaves, and what is refused."""
 
 import json
+from contextlib import nullcontext
 from itertools import chain, repeat
 from unittest import mock
 
@@ -56,11 +57,15 @@ def test_failed_svg_is_tried_again_and_the_others_are_kept(two, tmp_path, asked,
     assert made == [("variant", "a/gaussians-13"), ("variant", "b/gaussians-13")]
 
 
-def test_interrupted_gallery_shows_what_is_finished_and_continues(two, tmp_path, asked):
+def test_interrupted_gallery_shows_what_is_finished_and_continues(
+    two, tmp_path, asked, monkeypatch
+):
     out = tmp_path / "out"
-    calls = chain(repeat(None, 6), [KeyboardInterrupt], repeat(None))
-    with pytest.raises(KeyboardInterrupt):
-        build_gallery(two, out, counts=[5, 7], progress=mock.Mock(side_effect=calls))
+    update = mock.Mock(side_effect=chain(repeat(None, 6), [KeyboardInterrupt], repeat(None)))
+    with monkeypatch.context() as patch:
+        patch.setattr(grid, "counting", lambda quiet: nullcontext(update))
+        with pytest.raises(KeyboardInterrupt):
+            build_gallery(two, out, counts=[5, 7])
     done = asked.take()
     document = json.loads((out / "gallery.json").read_text())
     assert len(document["rows"]) == sum(kind == "variant" for kind, _ in done)
