@@ -7,7 +7,6 @@ from .batch.many import PhotoRecord as PhotoRecord
 from .compare.pages import Gallery as Gallery, build_gallery as build_gallery
 from .compare.pages import GalleryOptions as GalleryOptions
 from .errors import (
-    ClusterError as ClusterError,
     Gauss2SvgError as Gauss2SvgError,
     InputError as InputError,
     OutputError as OutputError,

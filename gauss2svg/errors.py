@@ -38,10 +38,6 @@ class OutputError(Gauss2SvgError, OSError):
     """An output that cannot be written."""
 
 
-class ClusterError(Gauss2SvgError, RuntimeError):
-    """A scheduler that does not answer or was lost, or workers that cannot run the jobs."""
-
-
 def refusal(name: str, needed: str, got: str, advice: str = "") -> InputError:
     """Return the error "NAME must be NEEDED; got GOT. Try ADVICE" for a value that cannot be used.
 

@@ -13,7 +13,7 @@ from gauss2svg.batch import many
 from gauss2svg.batch.inputs import write
 from gauss2svg.batch.many import MARKS, STATE, TABLE, PhotoRecord, Summary, vectorize_many
 from gauss2svg.cli.main import main
-from gauss2svg.errors import ClusterError, OutputError
+from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pool import WorkerDiedError
 from gauss2svg.svg.file import file_bytes
 
@@ -85,8 +85,7 @@ def test_what_is_done_needs_no_worker_and_stays_as_it_is(
     out = tmp_path / "out"
     files = {path: path.read_bytes() for path in out.rglob("*.*") if "table" not in path.name}
     monkeypatch.setattr(many, "Pool", None)
-    nobody = "tcp://127.0.0.1:9"
-    command = ["batch", str(photos), "-o", str(out), "--scheduler", nobody, "--log", "json"]
+    command = ["batch", str(photos), "-o", str(out), "--log", "json"]
     assert main([*command, *TINY_COMMAND]) == 0
     printed = capsys.readouterr()
     logged = [json.loads(line) for line in printed.out.splitlines()]
@@ -173,7 +172,7 @@ def test_a_fault_a_lost_worker_or_a_name_that_is_taken_costs_its_photo_alone(
 
 def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, monkeypatch):
     monkeypatch.setattr(many, "__version__", "0")
-    with pytest.raises(ClusterError, match=r"workers must have gauss2svg .*; got 0"):
+    with pytest.raises(InputError, match=r"workers must have gauss2svg .*; got 0"):
         run(photos)
     assert outputs(tmp_path / "out") == {}
 
