@@ -12,7 +12,6 @@ import tempfile
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +34,7 @@ from gauss2svg.pipeline.vectorize import Result, vectorize_by
 from gauss2svg.pool import Pool
 from gauss2svg.processes import held_bytes
 from gauss2svg.svg import NAMESPACE
-from gauss2svg.svg.file import MOST_BYTES, file_bytes, is_own, read_source
+from gauss2svg.svg.file import MOST_BYTES, file_bytes, read_source
 
 Request = Mapping[str, Any]
 # Side (px) of a crop. Pages show crops enlarged 3 times, and five of them fit side by side on the
@@ -128,10 +127,7 @@ def _by_peer(request: Request) -> Run:
         report, raster = _measured_image(data, photo)
         return Run(_as_svg(data, photo), columns | report, raster, photo, cost)
     source, scale = request.get("reference") or (None, None)
-    # A process for each of the many files of a batch would take longer than to fit a small photo.
-    is_ours = tool == "batch" and is_own(request["file"])
-    svg = SimpleNamespace(svg=data.decode()) if is_ours else data
-    result = check(photo, svg, reference=source, reference_scale=scale)
+    result = check(photo, data, reference=source, reference_scale=scale)
     return Run(data, columns | result.report, result.raster, photo, cost)
 
 

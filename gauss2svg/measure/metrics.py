@@ -24,18 +24,16 @@ LEAST_SIDE_FOR_MS_SSIM = 16 * _WINDOW  # MS-SSIM divides the sides by 16 at its 
 _BAND = 256  # number of rows of windows for which SSIM is computed at a time
 
 
-def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
-    """Raise InputError unless two images have the same shape (h, w, channels)."""
-    if image.shape != other.shape or image.ndim != 3:
-        got = f"{image.shape} and {other.shape}"
-        raise refusal("two images", "of one shape (h, w, channels)", got)
-
-
 def _differences(
     image: NDArray[np.floating], other: NDArray[np.floating]
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield the difference (w * channels,) of each row. A row at a time takes little memory."""
-    check_shapes(image, other)
+    """Yield the difference (w * channels,) of each row. A row at a time takes little memory.
+
+    Raise InputError unless the two images have the same shape.
+    """
+    if image.shape != other.shape or image.ndim != 3:
+        got = f"{image.shape} and {other.shape}"
+        raise refusal("two images", "of one shape (h, w, channels)", got)
     for row, other_row in zip(image, other, strict=True):
         yield np.subtract(row, other_row, dtype=np.float64).ravel()
 
@@ -84,7 +82,6 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     Source: Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004. scikit-image gives
     the same numbers.
     """
-    check_shapes(image, other)
     channels = image.shape[2]
     # SSIM is computed in float32, the type of photos and rasters. float64 takes twice the memory.
     planes = ((image[:, :, c], other[:, :, c]) for c in range(channels))
@@ -107,7 +104,6 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     Source: Wang, Simoncelli and Bovik, "Multi-scale structural similarity for image quality
     assessment", 2003, and their implementation.
     """
-    check_shapes(image, other)
     channels = []
     for c in range(image.shape[2]):
         a, b = image[:, :, c], other[:, :, c]
@@ -175,7 +171,6 @@ def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> 
     """
     from scipy.ndimage import maximum_filter
 
-    check_shapes(image, reference)
     steep = np.zeros(reference.shape[:2], bool)
     for axis in (0, 1):  # the pixels on both sides of a steep step are marked
         steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= 0.02
@@ -220,7 +215,6 @@ def local_hue_error(image: NDArray[np.float32], photo: NDArray[np.float32]) -> H
     that are a pixel off, hardly count, but a small part that has lost its colour does. If the
     photo has alpha, the errors are measured over white and over black, and the worse ones count.
     """
-    check_shapes(image, photo)
     height, width = photo.shape[:2]
     rows, step, radius = mirrored(height, WINDOW // 2), 128, WINDOW // 2
     found = []

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg.measure import ON_REQUEST, Scores, packages_missing
-from gauss2svg.measure.metrics import check_shapes
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pool import Pool, WorkerDiedError
 from gauss2svg.processes import MEMORY_SHARE, free_bytes
@@ -36,9 +35,7 @@ def perceptual_scores(
 
     A score is None if its package is not installed or fails, if the picture is too small or too
     large for it, or if measuring it would take more than `spare` bytes. `missing` then says why.
-    Raise InputError if the two pictures differ in shape.
     """
-    check_shapes(raster, photo)
     spare = max(int(MEMORY_SHARE * free_bytes()) if spare is None else spare, 0)
     values, missing = dict(known or {}), list(packages_missing())
     height, width = photo.shape[:2]

@@ -54,10 +54,10 @@ MOST_KEPT = 200  # largest number of finished jobs that are kept. The oldest are
 class Job:
     """A photo to vectorise, and its results.
 
-    folder  folder of the photo, and of the files that the job's process writes
-    lines   command line and Python call that make the same SVG
-    call    future of the job, which the pool returns when the job is submitted. Until then, this is
-            another future, which stays pending.
+    folder   folder of the photo, and of the files that the job's process writes
+    command  command line that makes the same SVG
+    call     future of the job, which the pool returns when the job is submitted. Until then, this
+             is another future, which stays pending.
     """
 
     folder: Path
@@ -65,13 +65,13 @@ class Job:
     options: dict[str, Any]
     width: int
     height: int
-    lines: dict[str, str]
+    command: str
     id: str = field(default_factory=lambda: secrets.token_hex(8))
     call: Future[None] = field(default_factory=Future)
 
     def described(self) -> dict[str, Any]:
         """Return the state of the job, its progress, and its report once there is an SVG."""
-        names = ("id", "state", "report", "error", "name", "width", "height", "options", "lines")
+        names = ("id", "state", "report", "error", "name", "width", "height", "options", "command")
         progress = {"progress": self._read("progress.json")}  # None if there is none yet
         return progress | {name: getattr(self, name) for name in names}
 
