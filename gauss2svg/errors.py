@@ -30,10 +30,6 @@ class RendererError(Gauss2SvgError, RuntimeError):
     """A renderer that is missing, or that failed."""
 
 
-class PeerError(Gauss2SvgError, RuntimeError):
-    """Another tool that failed, or cannot be run, in a benchmark or a gallery."""
-
-
 class OutputError(Gauss2SvgError, OSError):
     """An output that cannot be written."""
 

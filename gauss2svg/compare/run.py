@@ -20,7 +20,7 @@ from PIL import Image
 
 from gauss2svg.compare import records
 from gauss2svg.compare.variants import AXES
-from gauss2svg.errors import PeerError, RendererError
+from gauss2svg.errors import Gauss2SvgError, RendererError
 from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure import packages_missing
 from gauss2svg.measure.check import check, enlarged
@@ -113,7 +113,7 @@ def _by_peer(request: Request) -> Run:
     photo = load_image(request["source"], matte=WHITE_MATTE, max_pixels=most).pixels
     if "file" in request:
         if request["file"] is None:
-            raise PeerError(f"{tool} must have a file for each photo; got none for this one")
+            raise Gauss2SvgError(f"{tool} must have a file for each photo; got none for this one")
         path, cost = Path(request["file"]), request["numbers"]
         suffix = path.suffix.lower()
         is_svg = suffix in SVG_ENDINGS
@@ -145,7 +145,7 @@ def _converted(
                 cost = pool.submit(*call, timeout=limit_s).result()
         except TimeoutError as error:
             line = f"timed out after {limit_s:g} s. Try a longer --peer-timeout"
-            raise PeerError(line) from error
+            raise Gauss2SvgError(line) from error
         return output.read_bytes(), cost
 
 

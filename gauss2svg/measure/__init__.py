@@ -184,10 +184,6 @@ TARGETS = tuple(score for score in SCORES if score.search is not None)
 ADVICE = 'Try pip install "gauss2svg[scores]"'
 
 
-class ScoresMissingError(InputError, ImportError):
-    """A requested score needs a package that is not installed."""
-
-
 @dataclass(frozen=True)
 class Scores:
     """The scores of a raster that are measured on request.
@@ -226,7 +222,7 @@ def packages_missing() -> tuple[str, ...]:
 
 
 def require_packages(score: Score | None = None) -> None:
-    """Raise ScoresMissingError unless the package that `score` needs is installed.
+    """Raise InputError unless the package that `score` needs is installed.
 
     If `score` is None, all scores are wanted, but it is enough if the package of one score is
     installed. This is because FLIP has no package for the newest Python.
@@ -235,7 +231,7 @@ def require_packages(score: Score | None = None) -> None:
     if not any(each.is_installed for each in scores):
         name = "scores" if score is None else score.option
         needed = f"given with {' or '.join(each.package for each in scores)} installed"
-        raise ScoresMissingError(f"{name} must be {needed}; got none. {ADVICE}")
+        raise InputError(f"{name} must be {needed}; got none. {ADVICE}")
 
 
 def packages() -> dict[str, str]:

@@ -150,11 +150,6 @@ class Jobs:
         self._task.add_done_callback(pool.__exit__)
         return pool
 
-    def start(self) -> None:
-        """Start the workers, and let each of them load what it needs."""
-        for _ in range(self.workers):
-            self._pool.submit(load)
-
     def new_folder(self) -> Path:
         """Make a folder for the files of a job, with a random name."""
         return Path(tempfile.mkdtemp(dir=self.folder))
@@ -176,10 +171,6 @@ class Jobs:
         self.by_id.pop(job.id, None)
         job.call.cancel()
         job.call.add_done_callback(lambda _: shutil.rmtree(job.folder, ignore_errors=True))
-
-
-def load() -> None:
-    """Do nothing. The process that is asked to has then loaded this module, and so can fit."""
 
 
 def fit(folder: Path, name: str, given: dict[str, Any], workers: int, threads: int) -> None:

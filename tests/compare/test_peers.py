@@ -13,7 +13,7 @@ from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import pages, run, table
-from gauss2svg.errors import PeerError
+from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
 from gauss2svg.svg.file import SVG, parse
@@ -105,7 +105,9 @@ def test_a_batch_is_shown_and_measured_without_another_fit(two_photos, tmp_path,
 def test_a_photo_without_a_file_and_a_tool_that_takes_too_long_are_errors(two_photos):
     request = {"tool": "jpeg", "settings": {"quality": 30}, "source": two_photos[0]}
     request |= {"options": {"max_pixels": 10**6}, "peer_timeout": 1e-3}
-    with pytest.raises(PeerError, match=r"timed out after 0\.001 s. Try a longer --peer-timeout"):
+    with pytest.raises(
+        Gauss2SvgError, match=r"timed out after 0\.001 s. Try a longer --peer-timeout"
+    ):
         run.measure_run(request)
-    with pytest.raises(PeerError, match="jpeg must have a file for each photo; got none"):
+    with pytest.raises(Gauss2SvgError, match="jpeg must have a file for each photo; got none"):
         run.measure_run(request | {"file": None, "numbers": {}})

@@ -230,15 +230,3 @@ def test_a_drawing_gets_no_more_memory_than_its_limit():
     done = subprocess.run([sys.executable, "-c", program], input=b"<svg/>", capture_output=True)
     assert done.returncode == 2
     assert done.stderr == b"resvg is out of memory. Try a smaller or simpler SVG\n"
-
-
-def test_heat_maps_of_equal_names_are_in_folders_like_those_of_their_svgs(tmp_path, capsys):
-    for folder in ("a", "b"):
-        for top in ("photos", "svgs"):
-            (tmp_path / top / folder).mkdir(parents=True)
-        Image.new("RGB", (12, 8), "red").save(tmp_path / "photos" / folder / "x.png")
-        svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 3 2"/>'
-        (tmp_path / "svgs" / folder / "x.svg").write_text(svg)
-    words = [str(tmp_path / name) for name in ("photos", "svgs", "maps")]
-    assert main(["check", *words[:2], "--heatmap", words[2]]) == 0
-    assert {p.parent.name for p in (tmp_path / "maps").rglob("x-heatmap.png")} == {"a", "b"}
