@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from outlines import box
 from scenes import random_scene, random_sum
 
-from gauss2svg.areas.find import FoundAreas
 from gauss2svg.measure.metrics import local_hue_error, psnr
-from gauss2svg.pipeline.found import with_shared_colors
 from gauss2svg.pipeline.palette import LARGEST_CHANGE, quantize
 from gauss2svg.render import render
-from gauss2svg.scene import Area, Scene
+from gauss2svg.scene import Scene
 
 
 @pytest.mark.parametrize("given", [{"color_error": 8e-4}, {"palette": 8}])
@@ -51,14 +48,3 @@ def test_a_palette_has_the_colours_that_weigh_most(make):
     weight = np.repeat([[1.8, 0.2]], 64, axis=0).repeat(32, axis=1)
     one = quantize(scene, palette=1, weight=weight).color
     np.testing.assert_allclose(one, 0.9 * 0.2 + 0.1 * 0.8, atol=0.005)
-
-
-@pytest.mark.parametrize("is_noisy", [False, True])
-def test_nearly_equal_colors_become_that_of_the_larger_area(is_noisy):
-    levels = {30: 100.0, 6: 115.0, 28: 108.0, 29: 101.0, 5: 200.0}
-    paints = {side: (level / 255, 0.5, 0.5) for side, level in levels.items()}
-    areas = tuple(Area((box(0, 0, side, side),), paint) for side, paint in paints.items())
-    found = FoundAreas(areas, (100.9 / 255, 0.5, 0.5), 1.0, 40.0, 0.0, 0.0)
-    reds = [round(255 * a.paint[0], 6) for a in with_shared_colors(found, is_noisy).areas]
-    # 7 levels are little for 36 px of a picture with noise, but not for 784 px.
-    assert reds == [100.9, 108 if is_noisy else 115, 108, 100.9, 200]
