@@ -85,9 +85,7 @@ class Task:
         The photo counts with its content and not with its path.
         """
         software = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
-        # Other tools do not use the seed, so a record of another tool stays valid if it changes.
-        seed = self.columns["seed"] if self.variant and self.variant.is_own else None
-        own = self.photo.digest, self.variant, seed, self.entry, self.dependencies
+        own = self.photo.digest, self.variant, self.entry, self.dependencies
         return hashlib.sha256(json.dumps([software, own]).encode()).hexdigest()
 
     @property

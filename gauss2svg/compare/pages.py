@@ -105,14 +105,14 @@ def build_gallery(
     chosen, absent = variants_of(variants, counts, peers, axes)
     entries = {variant: entries_of(variant.files, listed) for variant in chosen}
     options = instance(options, "options", GalleryOptions)
-    jobs, size, seed = options.jobs, options.photo_size, options.seed
+    jobs, size = options.jobs, options.photo_size
     # If no number of threads is given, the processes share the cores.
     threads = thread_count(options.threads) // (jobs if options.threads is None else 1) or 1
     root = _folder(directory)
     # Several processes run at the same time, so each gets an equal share of the free memory as its
     # max_memory. Without this limit, each of them could take most of the free memory.
     run_options = {
-        "seed": seed, "threads": threads, "max_memory": memory_limit(None) // jobs,
+        "threads": threads, "max_memory": memory_limit(None) // jobs,
         "max_pixels": options.max_pixels, "fragments": True,
     }  # fmt: skip
 
@@ -125,7 +125,7 @@ def build_gallery(
             "options": run_options, "peer_timeout": options.peer_timeout,
         }  # fmt: skip
         entry = entries[variant].get(photo, {}) if variant else {}
-        columns = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
+        columns = {"jobs": jobs, "threads": threads, "folder": folder}
         file = root / folder / "picture.svg" if variant else page_photo
         return Task(photo, variant, parameters, (size,), columns, entry, file)
 
@@ -145,7 +145,7 @@ def build_gallery(
             "gauss2svg": __version__, "title": options.title,
             "command": on_one_line(command or call),
             "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            "seed": seed, "photo_size": size, "peers_absent": absent,
+            "photo_size": size, "peers_absent": absent,
         }  # fmt: skip
         document = write_pages(root, about, chosen, plan, grid)
     data = {name: document[name] for name in ("rows", "summary", "failures")}

@@ -172,7 +172,7 @@ def run_bench(
                   gauss2svg.compare.variants.GRIDS. If it is empty, only peers are measured.
     peers         other tools, by their names in compare.records.PEERS. Tools that are not
                   installed are skipped. "mine=FOLDER" stands for the files of another method.
-    options       limits of the runs, references, the seed and the number of threads
+    options       limits of the runs, references and the number of threads
     progress      whether to show a bar on a terminal or in a notebook
 
     rows.jsonl, bench.json, bench.csv, summary.md and the plots are written after every run. The
@@ -181,7 +181,7 @@ def run_bench(
     for bad arguments and photos, and OutputError if the folder cannot be written, both before the
     first run.
     """
-    seed, scale = options.seed, options.reference_scale
+    scale = options.reference_scale
     thread_count(options.threads)
     others, absent = peer_variants(peers)
     own = settings_of(*(GRIDS if axes is None else [axes]))
@@ -191,7 +191,7 @@ def run_bench(
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
     entries = {variant: entries_of(variant.files, photos) for variant in variants}
     sources = {} if options.references is None else _references(photos, options.references)
-    of_runs = {"seed": seed, "threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
+    of_runs = {"threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
         # Other tools do not use the number of threads.
@@ -201,7 +201,7 @@ def run_bench(
             parameters["reference"] = source, scale
             dependencies += [hashlib.sha256(source.read_bytes()).hexdigest(), scale]
         entry = entries[variant].get(photo, {})
-        return Task(photo, variant, parameters, tuple(dependencies), {"seed": seed}, entry)
+        return Task(photo, variant, parameters, tuple(dependencies), {}, entry)
 
     plan = [task_of(photo, variant) for variant in variants for photo in photos]
     folder = Path(file_name("directory", directory, FOLDER))

@@ -190,15 +190,13 @@ def variants_of(
     return variants, absent
 
 
-# Options that can be an axis: all options of four groups, and also `renderer` and `max_size`. The
-# seed cannot be an axis, because `gauss2svg bench` has an option of its own for it. Each option
-# gets the name by which error messages call it, such as "axis gaussians".
+# Options that can be an axis: all options of four groups, and also `renderer` and `max_size`. Each
+# option gets the name by which error messages call it, such as "axis gaussians".
 AXES: dict[str, Field] = {
     field.name: replace(field, name=f"axis {field.name}")
     for key, group in GROUPS.items()
     for field in fields_of(group)
-    if (key in ("goal", "fit", "densify", "svg") and field.name != "seed")
-    or field.name in ("renderer", "max_size")
+    if key in ("goal", "fit", "densify", "svg") or field.name in ("renderer", "max_size")
 }
 
 
