@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import random_scene, random_sum
+from scenes import random_sum
 
 from gauss2svg.measure.metrics import local_hue_error, psnr
 from gauss2svg.pipeline.palette import LARGEST_CHANGE, quantize
@@ -36,15 +36,3 @@ def test_a_palette_of_signed_colours_keeps_signs_and_is_closer_the_larger_it_is(
     np.testing.assert_array_equal(quantize(kept, palette=20).color, kept.color)
     assert psnr(render(kept), render(scene)) > psnr(render(fewer), render(scene)) + 3
     np.testing.assert_array_equal(quantize(scene, palette=200).color, scene.color)
-
-
-@pytest.mark.parametrize("make", [random_scene, random_sum])
-def test_a_palette_has_the_colours_that_weigh_most(make):
-    """Of two equal shapes, the one whose pixels weigh more decides the colour that they share."""
-    scene = make(2, 64, 64, 0).replace(
-        mean=[[16, 32], [48, 32]], sigma=np.full((2, 2), 3.0), rho=[0, 0],
-        color=[[0.2] * 3, [0.8] * 3], opacity=[1, 1], beta=[1, 1],
-    )  # fmt: skip
-    weight = np.repeat([[1.8, 0.2]], 64, axis=0).repeat(32, axis=1)
-    one = quantize(scene, palette=1, weight=weight).color
-    np.testing.assert_allclose(one, 0.9 * 0.2 + 0.1 * 0.8, atol=0.005)
