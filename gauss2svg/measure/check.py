@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import refusal
-from gauss2svg.measure import CheckOptions, Scores, metrics
+from gauss2svg.measure import CheckOptions, Scores
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
@@ -41,7 +41,6 @@ class CheckResult:
     measured       what follows, by the keys of `report`. Each is also an attribute of its name:
     psnr           dB, infinite if equal
     ssim           -1..1, None under 11 px a side
-    ms_ssim        0..1, None under 176 px a side
     largest_error  largest error of any channel, in levels of 255
     bias           mean of the SVG's raster minus the photo, in levels of 255
     hue_error      largest local error of hue (metrics.local_hue_error). If the photo has alpha, it
@@ -170,11 +169,9 @@ def check(
         larger = enlarged(text, reference, size, scale, asked, behind)
     surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)
     raster = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
-    is_measurable = min(size) >= metrics.LEAST_SIDE_FOR_MS_SSIM
     measured = {
         "renderer": renderer,
         **measure_pixels(raster, pixels),
-        "ms_ssim_svg": metrics.ms_ssim(over(raster), over(pixels)) if is_measurable else None,
         "svg_bytes": len(data),
         "svgz_bytes": len(file_bytes(data, gzipped=True)),
         **larger,

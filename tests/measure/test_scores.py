@@ -34,55 +34,6 @@ def test_psnr_is_that_of_the_definition_and_ssim_falls_with_noise():
     assert metrics.ssim(A, B) < metrics.ssim(A, noisy) < 1
 
 
-WEIGHTS = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333]
-
-
-@pytest.fixture(scope="module")
-def pair():
-    """A piece of a photo whose sides are odd at some scales, and the same with noise."""
-    image = data.astronaut()[40:217, 150:329].astype(np.float32) / 255  # 177 x 179 px
-    noise = np.random.default_rng(3).normal(0, 0.1, image.shape)
-    return image, np.clip(image + noise, 0, 1).astype(np.float32)
-
-
-def twin(image, other):
-    """As in the paper: no separable filter, no bands, each window by itself."""
-    taps = np.array([[np.exp(-(x * x + y * y) / 4.5) for x in range(-5, 6)] for y in range(-5, 6)])
-    taps /= taps.sum()
-    scores = []
-    for c in range(image.shape[2]):
-        x, y = image[:, :, c].astype(np.float64), other[:, :, c].astype(np.float64)
-        score = 1.0
-        for scale, weight in enumerate(WEIGHTS, 1):
-            a, b = (np.lib.stride_tricks.sliding_window_view(p, (11, 11)) for p in (x, y))
-            mean_a, mean_b = (np.einsum("hwij,ij", v, taps) for v in (a, b))
-            off_a, off_b = a - mean_a[:, :, None, None], b - mean_b[:, :, None, None]
-            variances = np.einsum("hwij,ij", off_a**2 + off_b**2, taps)
-            covariance = np.einsum("hwij,ij", off_a * off_b, taps)
-            terms = (2 * covariance + 0.0009) / (variances + 0.0009)
-            if scale == 5:
-                terms *= (2 * mean_a * mean_b + 0.0001) / (mean_a**2 + mean_b**2 + 0.0001)
-            score *= max(np.mean(terms), 0) ** weight
-            x, y = halved(x), halved(y)
-        scores.append(score)
-    return np.mean(scores)
-
-
-def halved(plane):
-    """Means of 2 x 2 px; beyond the last row or column it is repeated."""
-    even = np.pad(plane, [(0, side % 2) for side in plane.shape], mode="edge")
-    return (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]) / 4
-
-
-def test_ms_ssim_is_that_of_the_slow_twin_in_any_bands(pair, monkeypatch):
-    image, noisy = (picture[:, :, 1:2] for picture in pair)
-    expected = pytest.approx(twin(image, noisy), abs=1e-9)
-    assert metrics.ms_ssim(image, noisy) == expected
-    assert metrics.ms_ssim(noisy, image) == expected
-    monkeypatch.setattr(metrics, "_BAND", 7)
-    assert metrics.ms_ssim(image, noisy) == expected
-
-
 LACKING = (
     'SSIMULACRA2 and FLIP are not measured: not installed. Try pip install "gauss2svg[scores]"'
 )
