@@ -27,7 +27,6 @@ from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
 from gauss2svg import errors
-from gauss2svg.batch import BatchOptions
 from gauss2svg.batch.inputs import STATE, file_system_of, is_url, passed_over, photos_of, write
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, as_json
@@ -107,7 +106,7 @@ def vectorize_many(
     output: str | os.PathLike[str],
     options: Options | None = None,
     *,
-    batch: BatchOptions | None = None,
+    workers: int | None = None,
     executor: Executor | None = None,
     progress: bool = False,
     **goals: Any,
@@ -117,7 +116,8 @@ def vectorize_many(
     sources   folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
     output    folder for the SVGs, and the table gauss2svg-batch/table.csv
     options   options for every photo, such as Options(goal=Goal(quality="draft"))
-    batch     number of processes of this machine: BatchOptions(workers=4)
+    workers   number of processes of this machine, 1..1024. If it is None, there is one for each
+              core, or as many as the memory allows
     executor  executor whose workers vectorise the photos, such as that of a cluster. If it is None,
               processes of this machine do. A worker must do one photo at a time.
     progress  whether to show a bar on a terminal or in a notebook
@@ -133,7 +133,7 @@ def vectorize_many(
         raise unknown_keyword(name, "vectorize_many", "options=Options({})")
     options = errors.instance(options, "options", Options).changed(**goals)
     show_progress = Field("progress", bool).checked(progress)
-    return Batch(sources, output, options, batch).run(executor, quiet=not show_progress)
+    return Batch(sources, output, options, workers).run(executor, quiet=not show_progress)
 
 
 class Batch:
@@ -152,10 +152,12 @@ class Batch:
         sources: Iterable[str | os.PathLike[str]],
         output: str | os.PathLike[str],
         options: Options | None = None,
-        batch: BatchOptions | None = None,
+        workers: int | None = None,
     ) -> None:
         self.options = options = errors.instance(options, "options", Options)
-        self.batch = errors.instance(batch, "batch", BatchOptions)
+        # Few machines have 1024 cores, so a larger number is probably a mistake.
+        rule = Field("workers", int, 1, 1024, is_optional=True)
+        self._workers = rule.checked(workers)
         Plan(options).check_renderer()
         # Marks could not tell that the code of a function has changed.
         if callable(loss := options.fit.loss):
@@ -234,7 +236,7 @@ class Batch:
         if not left:
             return
         if executor is None:
-            engine = _on_this_machine(self.options, self.batch.workers, len(left))
+            engine = _on_this_machine(self.options, self._workers, len(left))
         else:
             # The width is larger than the number of workers, so that workers may come later.
             options = self.options.changed(threads=self.options.run.threads or 1)
@@ -283,21 +285,20 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
 
 
 class Summary:
-    """Counts of the photos of a batch: all, and those done, skipped, failed and sketched so far."""
+    """Counts of the photos of a batch: all, and those done, skipped and failed so far."""
 
     def __init__(self, count: int, passed_over: str = "") -> None:
         self.count, self._passed_over = count, passed_over
-        self.total = self.done = self.skipped = self.failed = self.sketches = 0
+        self.total = self.done = self.skipped = self.failed = 0
         self._failures: list[str] = []  # lines about the first five photos that failed
         self._begun = time.monotonic()
 
     def add(self, record: PhotoRecord) -> None:
-        """Count the photo of a record as done, skipped or failed, and whether it is a sketch."""
+        """Count the photo of a record as done, skipped or failed."""
         self.total += 1
         self.done += not (record.error or record.skipped)
         self.skipped += record.skipped
         self.failed += record.error is not None
-        self.sketches += record.sketch is not None
         if record.error and len(self._failures) < 5:
             self._failures.append(f"failed: {errors.of_file(record.input, record.error)}")
 
@@ -311,9 +312,6 @@ class Summary:
         """Yield the lines of the final summary."""
         counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
         yield f"{counts} in {time.monotonic() - self._begun:.1f} s"
-        if self.sketches:
-            as_they_are = "To compare photos, sort by psnr_photo, or give --areas never"
-            yield f"{self.sketches:,} drawn as sketches, without their paper. {as_they_are}"
         if self._passed_over:
             yield self._passed_over
         yield from self._failures

@@ -101,7 +101,6 @@ class Grid:
     progress  whether to show a bar on a terminal or in a notebook
     records  record of each task, in the order of the tasks. A record is empty until its task has
              ended. If the task failed, the record has the entry "error", which says why.
-    kept     number of runs that are not made again, because `path` already had their records
     total    number of tasks that will have a record. The tasks of a photo that fails get no record
     """
 
@@ -120,7 +119,6 @@ class Grid:
                 # The photo may have been renamed after the record was made, so its present name is
                 # put into the record.
                 self.records[task] = row | {"image": task.photo.name}
-        self.kept = sum(1 for task, row in self.records.items() if row and task.variant)
 
     def has_succeeded(self, task: Task) -> bool:
         """Return whether a task has ended without an error."""

@@ -46,7 +46,6 @@ class Gallery:
     summary    a row for each variant, with medians and totals
     failures   a row for each SVG that could not be made. For a photo that could not be read, there
                is one row, whose variant is None
-    kept       number of SVGs that are kept from an earlier build
     absent     names of the peers that are not installed
     """
 
@@ -54,7 +53,6 @@ class Gallery:
     rows: list[Row]
     summary: list[Row]
     failures: list[Row]
-    kept: int
     absent: list[str]
 
     @property
@@ -149,7 +147,7 @@ def build_gallery(
         }  # fmt: skip
         document = write_pages(root, about, chosen, plan, grid)
     data = {name: document[name] for name in ("rows", "summary", "failures")}
-    return Gallery(root, **data, kept=grid.kept, absent=absent)
+    return Gallery(root, **data, absent=absent)
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:

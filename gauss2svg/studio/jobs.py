@@ -150,10 +150,6 @@ class Jobs:
         self._task.add_done_callback(pool.__exit__)
         return pool
 
-    def new_folder(self) -> Path:
-        """Make a folder for the files of a job, with a random name."""
-        return Path(tempfile.mkdtemp(dir=self.folder))
-
     def submit(self, job: Job) -> None:
         """Queue a job, whose photo must already be in its folder. Forget the oldest results."""
         finished = [old for old in self.by_id.values() if old.call.done()]

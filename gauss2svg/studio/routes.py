@@ -7,6 +7,7 @@ import io
 import os
 import re
 import shutil
+import tempfile
 import zipfile
 from collections.abc import AsyncIterator
 from mimetypes import guess_type
@@ -158,7 +159,7 @@ async def _submitted(
 ) -> Job:
     """Queue the job that a form describes, and return the job."""
     chosen = options_of(options := options or {}, focus is not None)
-    folder: Path = studio.jobs.new_folder()
+    folder = Path(tempfile.mkdtemp(dir=studio.jobs.folder))
     try:
         if photo is not None:
             name, source = display_name(photo.filename), photo.file

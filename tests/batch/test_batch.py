@@ -197,21 +197,20 @@ def test_every_name_that_the_system_allows_is_read_and_written(run, tmp_path):
     assert sorted(outputs(tmp_path / "out")) == made
 
 
-def test_the_summary_has_the_time_left_at_the_speed_so_far_and_counts_sketches(monkeypatch):
+def test_the_summary_has_the_time_left_at_the_speed_so_far(monkeypatch):
     now = iter((0.0, 10.0, 10.0, 10.0))
     monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=now.__next__))
     summary = Summary(13, "2 files passed over: .pdf, none")
-    for given in ({"sketch": "#ffffff,#000000"}, {"error": "x"}, {"skipped": True}):
+    for given in ({}, {"error": "x"}, {"skipped": True}):
         summary.add(PhotoRecord("a.png", "a.svg", **given))
     assert summary.progress_text() == "5 s a photo, 1 failed, 0:00:50 left"
-    counts, sketches, passed_over, failure = summary.lines()
+    counts, passed_over, failure = summary.lines()
     assert counts == "1 done, 1 skipped, 1 failed in 10.0 s"
-    assert sketches.startswith("1 drawn as sketches")
     assert passed_over == "2 files passed over: .pdf, none"
     assert failure == "failed: a.png: x"
     for _ in range(5):
         summary.add(PhotoRecord("a.png", "a.svg", error="x"))
-    assert [*summary.lines()][3:] == 5 * [failure] + ["and 1 more"]
+    assert [*summary.lines()][2:] == 5 * [failure] + ["and 1 more"]
 
 
 def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp_path):
