@@ -94,7 +94,7 @@ def _by_gauss2svg(request: Request) -> Run:
     cost = read()
     memory = request["options"].get("max_memory")
     scores = perceptual_scores(result.raster, result.photo, memory and memory - held_bytes())
-    report = {**result.report, "scores": not packages_missing(), **scores.report}
+    report = {**result.report, "scores": not packages_missing(), **scores}
     # The gallery itself asks for fragments, so their note is none for its reader.
     report["notes"] = [note for note in report["notes"] if not note.startswith("--fragments")]
     if reference := request.get("reference"):
@@ -169,7 +169,7 @@ def _measured_image(
         raise RendererError(f"image must be {width}x{height} px; got {w}x{h}")
     columns = {"width": width, "height": height, "renderer": "Pillow"}
     zipped = file_bytes(data, gzipped=True)
-    scores = measure_pixels(raster, photo) | perceptual_scores(raster, photo).report
+    scores = measure_pixels(raster, photo) | perceptual_scores(raster, photo)
     return columns | scores | {"svg_bytes": len(data), "svgz_bytes": len(zipped)}, raster
 
 

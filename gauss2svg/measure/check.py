@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import refusal
-from gauss2svg.measure import CheckOptions, Scores
+from gauss2svg.measure import CheckOptions
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
@@ -55,14 +55,16 @@ class CheckResult:
     psnr_enlarged  PSNR in dB of the enlarged SVG against the reference, None without a reference.
                    Its size is `reference_scale` times that of the photo
     ssim_enlarged  SSIM of the enlarged SVG against the reference, None without a reference
+    ssimulacra2    SSIMULACRA2, None if it is not measured. If the photo has alpha, the worse of the
+                   values over white and over black
+    flip           FLIP, None if it is not measured. If the photo has alpha, the worse value again
+    scores_missing  lines that say why SSIMULACRA2 or FLIP is None
 
     survey         counts of the SVG's elements
     frame          width, height and viewBox that the SVG itself has
     raster, photo  (h, w, 3) float32 in 0..1: the SVG's raster, and the photo as it was compared.
                    (h, w, 4) if the photo has alpha
     notes          remarks on the comparison
-    scores         SSIMULACRA2 and FLIP. If the photo has alpha, each is measured over white and
-                   over black, and the worse value counts
     """
 
     measured: dict[str, Any]
@@ -71,7 +73,6 @@ class CheckResult:
     raster: NDArray[np.float32]
     photo: NDArray[np.float32]
     notes: tuple[str, ...]
-    scores: Scores
 
     def __getattr__(self, name: str) -> Any:
         measured = {k.replace("_svg", ""): v for k, v in vars(self).get("measured", {}).items()}
@@ -92,7 +93,6 @@ class CheckResult:
             "view_box": list(self.frame.view_box),
             "transparent": has_alpha(self.photo),
             **self.measured,
-            **self.scores.report,
             "elements": self.survey.elements,
             "elements_by_tag": dict(tags),
             "groups": tags.get("g", 0),
@@ -175,10 +175,10 @@ def check(
         "svg_bytes": len(data),
         "svgz_bytes": len(file_bytes(data, gzipped=True)),
         **larger,
+        **perceptual_scores(raster, pixels),
     }
     notes = _notes(surveyed, frame, picture, asked.renderer, uses(text, Feature.MOVING))
-    scores = perceptual_scores(raster, pixels)
-    return CheckResult(measured, surveyed, frame, raster, pixels, tuple(notes), scores)
+    return CheckResult(measured, surveyed, frame, raster, pixels, tuple(notes))
 
 
 def enlarged(

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.measure import ON_REQUEST, Scores, packages_missing
+from gauss2svg.measure import NO_SCORES, ON_REQUEST, packages_missing
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pool import Pool, WorkerDiedError
 from gauss2svg.processes import MEMORY_SHARE, free_bytes
@@ -26,15 +27,19 @@ def perceptual_scores(
     photo: NDArray[np.float32],
     spare: int | None = None,
     known: Mapping[str, float] | None = None,
-) -> Scores:
+) -> dict[str, Any]:
     """Measure the scores of a raster against its photo, both (h, w, 3) or (h, w, 4) in 0..1.
+
+    Return the scores by their keys in a report, and `scores_missing`. If the photo has alpha, a
+    score is measured over white and over black, and the worse value counts.
 
     spare  bytes of memory that measuring each score may take. None means MEMORY_SHARE of the free
            memory
     known  scores that are already measured, by slug
 
     A score is None if its package is not installed or fails, if the picture is too small or too
-    large for it, or if measuring it would take more than `spare` bytes. `missing` then says why.
+    large for it, or if measuring it would take more than `spare` bytes. `scores_missing` then has
+    a line that says why.
     """
     spare = max(int(MEMORY_SHARE * free_bytes()) if spare is None else spare, 0)
     values, missing = dict(known or {}), list(packages_missing())
@@ -57,7 +62,8 @@ def perceptual_scores(
                 obstacle = str(error)
         if obstacle:
             missing.append(f"{score.name} is not measured: {obstacle}")
-    return Scores(values, tuple(missing))
+    by_key = {score.key: values[score.slug] for score in ON_REQUEST if score.slug in values}
+    return NO_SCORES | by_key | {"scores_missing": missing}
 
 
 def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.measure import SCORES, Scores, decibels
+from gauss2svg.measure import NO_SCORES, SCORES, decibels
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import paint_ms, round_trip, shown_width
 from gauss2svg.options import flag_of
@@ -92,7 +92,7 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
         "renderer": renderer_version(options.run.renderer),
         # The PSNR of equal images is infinite. It becomes None, because JSON has no infinity.
         **{name: None if value == math.inf else value for name, value in scored.items()},
-        **scores.report,
+        **scores,
         "bytes_by_part": bytes_by_part(svg),
         "paint_ms": paint_ms(file.scene, svg, shown),
         "paint_width": shown,
@@ -107,11 +107,11 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
     }
 
 
-def _scores(plan: Plan, outcome: Outcome, run: Run) -> Scores:
+def _scores(plan: Plan, outcome: Outcome, run: Run) -> dict[str, Any]:
     """Measure the scores that the options ask for."""
     aim = plan.aim
     if not plan.options.run.scores and (aim is None or aim.of.always):
-        return Scores()
+        return NO_SCORES
     # This is imported here, because only few runs ask for scores.
     from gauss2svg.measure.perceptual import perceptual_scores
 

@@ -49,7 +49,7 @@ def test_our_own_file_has_the_numbers_of_its_report(fitted):
         assert report[key] == pytest.approx(result.report[key], abs=1e-6), key
     for key in ("hue_error_svg", "hue_error_at", "hue_error_999_svg"):
         assert report[key] == result.report[key], key
-    assert report["flip_svg"] == result.report["flip_svg"] == checked.scores.flip > 0
+    assert report["flip_svg"] == result.report["flip_svg"] == checked.flip > 0
     small = "SSIMULACRA2 is not measured: it needs at least 225 px a side"
     assert report["scores_missing"] == result.report["scores_missing"] == [small]
     np.testing.assert_allclose(checked.raster, result.raster, atol=1e-6)

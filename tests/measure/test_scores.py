@@ -60,9 +60,9 @@ def test_scores_are_those_of_the_packages(wide, tmp_path):
     for name, pixels in zip(names, levels, strict=True):
         Image.fromarray(pixels).save(name)
     found = perceptual_scores(other, wide)
-    assert found.ssimulacra2 == pytest.approx(compute_ssimulacra2(*names), abs=1e-6)
+    assert found["ssimulacra2_svg"] == pytest.approx(compute_ssimulacra2(*names), abs=1e-6)
     rounded = [np.float32(one) / np.float32(255) for one in levels]
-    assert found.flip == pytest.approx(evaluate(*rounded, "LDR")[1], abs=1e-6)
+    assert found["flip_svg"] == pytest.approx(evaluate(*rounded, "LDR")[1], abs=1e-6)
 
 
 @pytest.mark.parametrize("lower_wins", [False, True])
@@ -76,11 +76,12 @@ def test_transparent_pictures_have_the_worse_of_white_and_black(lower_wins):
 
 def test_pictures_too_large_for_the_memory_and_failing_processes_have_a_reason(wide, monkeypatch):
     found = perceptual_scores(wide, wide, spare=10**6)
-    assert (found.ssimulacra2, found.flip, len(found.missing)) == (None, None, 2)
-    assert "needs 0.028 GB of memory for 225x225 px, and 0.001 GB are left" in found.missing[0]
+    first, _ = found["scores_missing"]
+    assert (found["ssimulacra2_svg"], found["flip_svg"]) == (None, None)
+    assert "needs 0.028 GB of memory for 225x225 px, and 0.001 GB are left" in first
     monkeypatch.setattr(module, "_flip", ctypes.string_at)  # of an address that is no memory
     monkeypatch.setattr(module, "_eight_bits", lambda _: 3)
-    died = perceptual_scores(wide[:9], wide[:9]).missing[1]
+    died = perceptual_scores(wide[:9], wide[:9])["scores_missing"][1]
     assert died.startswith("FLIP is not measured: its process died: ")
 
 
