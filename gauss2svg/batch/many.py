@@ -248,9 +248,9 @@ class Batch:
                     yield job.result()
                 except (InputError, OutputError):
                     raise
-                except Exception:  # executors have exceptions of their own for a lost worker
-                    line = "its worker died; was there enough memory? Try --max-size, or "
-                    line += "fewer --workers"
+                except Exception as error:  # executors have their own exceptions for a lost worker
+                    line = f"its worker died ({type(error).__name__}); was there enough memory? "
+                    line += "Try --max-size, or fewer --workers"
                     start: Any = (*photo, spec.identity)
                     yield PhotoRecord(*start, error=line, error_code="WorkerDied")
 
