@@ -251,9 +251,10 @@ async def stop(job: KnownJob) -> dict[str, Any]:
 
 
 @router.delete("/api/jobs/{name}", status_code=204, response_class=Response)
-async def forget(job: KnownJob, studio: Studio) -> None:
-    """Cancel a job and forget it."""
-    studio.jobs.forget(job)
+async def forget(name: str, studio: Studio) -> None:
+    """Cancel a job and forget it, unless the end of its events has already done so."""
+    if job := studio.jobs.by_id.get(name):
+        studio.jobs.forget(job)
 
 
 @router.get("/api/jobs/{name}/picture.svg", response_class=Response)
