@@ -53,7 +53,7 @@ def main() -> int:
         peers=[f"{folder.name}={folder}" for folder in folders],
         options=options,
         command=" ".join(["python", "benchmarks/gallery.py", *sys.argv[1:]]),
-        progress=lambda now: print(now.done, now.total, *now.now, sep="; ", file=sys.stderr),
+        progress=True,
     )
     print_medians(gallery)
     for failure in gallery.failures:

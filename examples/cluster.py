@@ -18,7 +18,8 @@ def main(scheduler: str, photos: str, out: str) -> int:
     count = Counter()
     with Client(scheduler) as client:
         print("dashboard:", client.dashboard_link)
-        for photo in vectorize_many([photos], out, options, client=client):
+        executor = client.get_executor(pure=False)
+        for photo in vectorize_many([photos], out, options, executor=executor):
             count["failed" if photo.error else "skipped" if photo.skipped else "written"] += 1
             if photo.error:
                 print(photo.input, photo.error, file=sys.stderr)

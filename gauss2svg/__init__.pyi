@@ -2,16 +2,10 @@
 
 from . import studio as studio
 from .batch.many import vectorize_many as vectorize_many
-from .batch import BatchOptions as BatchOptions
 from .batch.many import PhotoRecord as PhotoRecord
-from .compare.pages import (
-    Gallery as Gallery,
-    GalleryProgress as GalleryProgress,
-    build_gallery as build_gallery,
-)
+from .compare.pages import Gallery as Gallery, build_gallery as build_gallery
 from .compare.pages import GalleryOptions as GalleryOptions
 from .errors import (
-    ClusterError as ClusterError,
     Gauss2SvgError as Gauss2SvgError,
     InputError as InputError,
     OutputError as OutputError,

@@ -30,16 +30,8 @@ class RendererError(Gauss2SvgError, RuntimeError):
     """A renderer that is missing, or that failed."""
 
 
-class PeerError(Gauss2SvgError, RuntimeError):
-    """Another tool that failed, or cannot be run, in a benchmark or a gallery."""
-
-
 class OutputError(Gauss2SvgError, OSError):
     """An output that cannot be written."""
-
-
-class ClusterError(Gauss2SvgError, RuntimeError):
-    """A scheduler that does not answer or was lost, or workers that cannot run the jobs."""
 
 
 def refusal(name: str, needed: str, got: str, advice: str = "") -> InputError:

@@ -29,7 +29,7 @@ from screens import chromium
 from skimage import data
 
 from gauss2svg.errors import RendererError
-from gauss2svg.measure import Scores
+from gauss2svg.measure import NO_SCORES
 from gauss2svg.raster import RENDERERS, rasterize
 from gauss2svg.raster.isolated import Drawing
 from gauss2svg.render import tiles
@@ -172,7 +172,7 @@ def hasty(monkeypatch) -> None:
 @pytest.fixture
 def unscored(monkeypatch) -> None:
     """`check` has no perceptual scores, which take half a second in a process of their own."""
-    monkeypatch.setattr("gauss2svg.measure.check.perceptual_scores", lambda *_: Scores())
+    monkeypatch.setattr("gauss2svg.measure.check.perceptual_scores", lambda *_: NO_SCORES)
 
 
 @pytest.fixture

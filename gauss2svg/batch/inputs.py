@@ -14,7 +14,7 @@ import sys
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
@@ -233,14 +233,12 @@ class ListedPhoto:
     slug     name for the output file or folder of this photo, which no other photo has. It
              consists of a-z, 0-9 and -.
     digest   SHA-256 of the file's bytes, or None if the file cannot be read
-    problem  reason why the file cannot be read, or None if it can be read
     """
 
     path: str
     name: str
     slug: str
     digest: str | None
-    problem: str | None = None
 
 
 def listed_photos(
@@ -269,7 +267,7 @@ def listed_photos(
             file = Path(path).as_posix()
         if slugs[slug] > 1:
             slug += f"-{hashlib.sha256(file.encode(errors='surrogatepass')).hexdigest()[:12]}"
-        photos.append(ListedPhoto(path, on_one_line(file), slug, *_digest(path)))
+        photos.append(ListedPhoto(path, on_one_line(file), slug, _digest(path)))
     return photos
 
 
@@ -283,10 +281,8 @@ def slug_of(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", ascii_name).strip("-")[:48].rstrip("-") or "photo"
 
 
-def _digest(path: str) -> tuple[str | None, str | None]:
-    """Return (SHA-256 of a file, None), or (None, the reason why it cannot be read)."""
-    try:
-        with files.reading(path, "the path of a photo") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest(), None
-    except (InputError, OSError) as error:
-        return None, on_one_line(str(error))
+def _digest(path: str) -> str | None:
+    """Return the SHA-256 of a file, or None if it cannot be read."""
+    with suppress(InputError, OSError), files.reading(path, "another photo") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return None

@@ -18,19 +18,18 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from functools import partial
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from gauss2svg import errors
-from gauss2svg.batch import BatchOptions
 from gauss2svg.batch.inputs import STATE, file_system_of, is_url, passed_over, photos_of, write
-from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError, quoted, refusal
-from gauss2svg.files import STANDARD_STREAM, as_json, reason_of
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, quoted, refusal
+from gauss2svg.files import STANDARD_STREAM, as_json
 from gauss2svg.options import Field, fields_of, file_name
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline.options import Goal, Options, unknown_keyword
@@ -38,12 +37,9 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pipeline.run import memory_limit
 from gauss2svg.pipeline.vectorize import vectorize_by
-from gauss2svg.pool import Pool, WorkerDiedError, completed
+from gauss2svg.pool import Pool, completed
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 TABLE = f"{STATE}/table.csv"
 MARKS = f"{STATE}/marks"  # folder of the marks
@@ -110,8 +106,8 @@ def vectorize_many(
     output: str | os.PathLike[str],
     options: Options | None = None,
     *,
-    batch: BatchOptions | None = None,
-    client: Client | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
     progress: bool = False,
     **goals: Any,
 ) -> Iterator[PhotoRecord]:
@@ -120,23 +116,24 @@ def vectorize_many(
     sources   folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
     output    folder for the SVGs, and the table gauss2svg-batch/table.csv
     options   options for every photo, such as Options(goal=Goal(quality="draft"))
-    batch     BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
-    client    client of a Dask cluster, each worker of which does one photo at a time. If it is
-              None, `batch` says where the photos are vectorised.
+    workers   number of processes of this machine, 1..1024. If it is None, there is one for each
+              core, or as many as the memory allows
+    executor  executor whose workers vectorise the photos, such as that of a cluster. If it is None,
+              processes of this machine do. A worker must do one photo at a time.
     progress  whether to show a bar on a terminal or in a notebook
     goals     fields of Goal, as in `vectorize`: vectorize_many(photos, "out", quality="draft")
 
     Photos that an earlier run has finished are skipped. Workers are started only if other photos
     are left. If a photo fails, its record has an error. Raise InputError for bad arguments, before
-    any photo is read. Raise OutputError if no file can be written. Raise ClusterError if workers
-    are lost, have another version of gauss2svg, or do not see the output folder. Raise TypeError
-    for an unknown keyword.
+    any photo is read, and for a worker that has another version of gauss2svg or does not see the
+    output folder. Raise OutputError if no file can be written. Raise TypeError for an unknown
+    keyword.
     """
     for name in goals.keys() - {field.name for field in fields_of(Goal)}:
         raise unknown_keyword(name, "vectorize_many", "options=Options({})")
     options = errors.instance(options, "options", Options).changed(**goals)
     show_progress = Field("progress", bool).checked(progress)
-    return Batch(sources, output, options, batch).run(client, quiet=not show_progress)
+    return Batch(sources, output, options, workers).run(executor, quiet=not show_progress)
 
 
 class Batch:
@@ -155,10 +152,12 @@ class Batch:
         sources: Iterable[str | os.PathLike[str]],
         output: str | os.PathLike[str],
         options: Options | None = None,
-        batch: BatchOptions | None = None,
+        workers: int | None = None,
     ) -> None:
         self.options = options = errors.instance(options, "options", Options)
-        self.batch = errors.instance(batch, "batch", BatchOptions)
+        # Few machines have 1024 cores, so a larger number is probably a mistake.
+        rule = Field("workers", int, 1, 1024, is_optional=True)
+        self._workers = rule.checked(workers)
         Plan(options).check_renderer()
         # Marks could not tell that the code of a function has changed.
         if callable(loss := options.fit.loss):
@@ -203,7 +202,7 @@ class Batch:
                 raise refusal("photos", "with outputs of their own", got, advice)
         return [*photos.values()]
 
-    def run(self, client: Client | None = None, quiet: bool = True) -> Generator[PhotoRecord]:
+    def run(self, executor: Executor | None = None, quiet: bool = True) -> Generator[PhotoRecord]:
         """Yield the records of all photos, and finally write the table.
 
         Workers are started only if a photo is left to vectorise.
@@ -215,7 +214,7 @@ class Batch:
         table.writerow(PhotoRecord._fields)
         try:
             with counting(quiet) as update:
-                for record in self._records(client):
+                for record in self._records(executor):
                     row = record._replace(unreached="; ".join(record.unreached))
                     table.writerow(map(as_cell, row))
                     self.summary.add(record)
@@ -224,7 +223,7 @@ class Batch:
         finally:
             write(self._spec.root, TABLE, rows.getvalue().encode())
 
-    def _records(self, client: Client | None) -> Iterator[PhotoRecord]:
+    def _records(self, executor: Executor | None) -> Iterator[PhotoRecord]:
         left: list[Photo] = []
         for photo in self._photos:
             # If the photo or the SVG is in a store, a worker makes this check, because many workers
@@ -236,25 +235,29 @@ class Batch:
                 left.append(photo)
         if not left:
             return
-        if client is None and self.batch.scheduler is None:
-            engine = _on_this_machine(self.options, self.batch.workers, len(left))
+        if executor is None:
+            engine = _on_this_machine(self.options, self._workers, len(left))
         else:
-            engine = _on_cluster(self.options, self.batch.scheduler, client)
-        with engine as (submit, width, died, options):
+            # The width is larger than the number of workers, so that workers may come later.
+            options = self.options.changed(threads=self.options.run.threads or 1)
+            engine = nullcontext((executor.submit, 1000, options))
+        with engine as (submit, width, options):
             spec = replace(self._spec, options=options)
             for photo, job in completed(partial(submit, work, spec), iter(left), width):
                 try:
                     yield job.result()
-                except died:
-                    line = "its worker died; was there enough memory? Try --max-size, or "
-                    line += "fewer --workers"
+                except (InputError, OutputError):
+                    raise
+                except Exception as error:  # executors have their own exceptions for a lost worker
+                    line = f"its worker died ({type(error).__name__}); was there enough memory? "
+                    line += "Try --max-size, or fewer --workers"
                     start: Any = (*photo, spec.identity)
                     yield PhotoRecord(*start, error=line, error_code="WorkerDied")
 
 
-# A method that submits a job, the number of photos that are submitted at the same time, the types
-# of the exception that a job raises if its worker died, and the options of the workers.
-_Workers = tuple[Callable[..., Future[Any]], int, Any, Options]
+# A method that submits a job, the number of photos that are submitted at the same time, and the
+# options of the workers.
+_Workers = tuple[Callable[..., Future[Any]], int, Options]
 
 
 @contextmanager
@@ -278,49 +281,24 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
     with Pool(workers) as pool:
         job_options = options.changed(threads=threads, max_memory=memory)
         # Two jobs are submitted for each process, so that one waits while the other runs.
-        yield pool.submit, 2 * workers, WorkerDiedError, job_options
-
-
-@contextmanager
-def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterator[_Workers]:
-    """Connect to a Dask cluster, and yield its workers. Raise ClusterError if that fails."""
-    try:
-        from distributed import Client, KilledWorker
-    except ImportError as error:
-        advice = 'Try pip install "gauss2svg[cluster]"'
-        raise InputError(f"distributed must be installed for --scheduler. {advice}") from error
-    try:
-        with nullcontext(client) if client else Client(scheduler, set_as_default=False) as found:
-            job_options = options.changed(threads=options.run.threads or 1)
-            submit = found.get_executor(pure=False).submit
-            # The width is larger than the number of workers, so that workers may come later.
-            # Dask's executor raises ValueError if a result is lost while it is fetched.
-            yield submit, 1000, (KilledWorker, ValueError), job_options
-    except Gauss2SvgError:
-        raise
-    except Exception as error:
-        # The address is wrong, the connection failed, or a worker does not have gauss2svg.
-        got = f"{quoted(scheduler or client)} ({type(error).__name__}: {reason_of(error)[:200]})"
-        needed = "the address of a Dask scheduler whose workers have gauss2svg"
-        raise ClusterError(f"scheduler must be {needed}; got {got}. Try it once it runs") from error
+        yield pool.submit, 2 * workers, job_options
 
 
 class Summary:
-    """Counts of the photos of a batch: all, and those done, skipped, failed and sketched so far."""
+    """Counts of the photos of a batch: all, and those done, skipped and failed so far."""
 
     def __init__(self, count: int, passed_over: str = "") -> None:
         self.count, self._passed_over = count, passed_over
-        self.total = self.done = self.skipped = self.failed = self.sketches = 0
+        self.total = self.done = self.skipped = self.failed = 0
         self._failures: list[str] = []  # lines about the first five photos that failed
         self._begun = time.monotonic()
 
     def add(self, record: PhotoRecord) -> None:
-        """Count the photo of a record as done, skipped or failed, and whether it is a sketch."""
+        """Count the photo of a record as done, skipped or failed."""
         self.total += 1
         self.done += not (record.error or record.skipped)
         self.skipped += record.skipped
         self.failed += record.error is not None
-        self.sketches += record.sketch is not None
         if record.error and len(self._failures) < 5:
             self._failures.append(f"failed: {errors.of_file(record.input, record.error)}")
 
@@ -334,9 +312,6 @@ class Summary:
         """Yield the lines of the final summary."""
         counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
         yield f"{counts} in {time.monotonic() - self._begun:.1f} s"
-        if self.sketches:
-            as_they_are = "To compare photos, sort by psnr_photo, or give --areas never"
-            yield f"{self.sketches:,} drawn as sketches, without their paper. {as_they_are}"
         if self._passed_over:
             yield self._passed_over
         yield from self._failures
@@ -369,13 +344,13 @@ class BatchSpec:
 def work(spec: BatchSpec, photo: Photo) -> PhotoRecord:
     """Vectorise a photo unless it is finished, and return its record.
 
-    Raise OutputError if the disk is full. Raise ClusterError if this worker has another version or
+    Raise OutputError if the disk is full. Raise InputError if this worker has another version or
     does not see the output folder.
     """
     if spec.version != __version__:
-        raise ClusterError(f"workers must have gauss2svg {spec.version}; got {__version__}")
+        raise InputError(f"workers must have gauss2svg {spec.version}; got {__version__}")
     if not (is_url(spec.root) or os.path.isdir(spec.root)):
-        raise ClusterError(f"workers must see the folder {spec.root}. Try a folder that all mount")
+        raise InputError(f"workers must see the folder {spec.root}. Try a folder that all mount")
     with _one_at_a_time, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # nobody reads the warnings of image decoders in a worker
         return finished_record(spec, photo) or vectorize_photo(spec, photo)

@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 from gauss2svg import files
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
-from gauss2svg.errors import Gauss2SvgError, InputError, brief, of_file, quoted, refusal
+from gauss2svg.errors import Gauss2SvgError, brief, of_file, quoted, refusal
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.placeholder import (
     DEFAULT_BYTES,
@@ -103,8 +103,6 @@ class PlaceholderList:
         source = {"sha256": photo.digest, "madeBy": self._made_by}
         is_unchanged = source.items() <= metadata.items()
         try:
-            if photo.problem is not None:
-                raise InputError(photo.problem)
             if not is_unchanged:
                 one = placeholder(photo.path, options.max_bytes, bytes_of=options.bytes_of)
                 self._entries[key] = self._entry(photo, one)
@@ -217,7 +215,7 @@ def _sources(photo: ListedPhoto) -> dict[Path, str]:
     # The best format comes first, because a browser takes the first file whose type it supports.
     for kind in ("avif", "webp"):
         file = own.with_suffix(f".{kind}")
-        if photo.problem is not None or file.suffix == own.suffix.lower():
+        if photo.digest is None or file.suffix == own.suffix.lower():
             break
         if file.is_file():
             sources[file] = f"image/{kind}"

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from gauss2svg import files
-from gauss2svg.batch import BatchOptions
 from gauss2svg.cli.parser import STATUS_SOME_FAILED, options_of_file, run_options
 from gauss2svg.cli.terminal import say
-from gauss2svg.options import OptionGroup, file_path
+from gauss2svg.options import Interval, OptionGroup, file_path
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS
 
 
@@ -33,6 +32,10 @@ class BatchCommand(OptionGroup):
     """TOML file of options, such as quality = "draft". An option of the command line replaces the
     one in the file."""
 
+    workers: Annotated[int | None, Interval(ge=1, le=1024)] = None
+    """Number of worker processes on this machine. The default is one for each core, or as many as
+    the memory allows."""
+
     log: Literal["json"] | None = None
     """Print a line of JSON on standard output for each finished photo, with the columns of the
     table."""
@@ -41,7 +44,7 @@ class BatchCommand(OptionGroup):
     """Show neither progress nor summary."""
 
 
-SECTIONS = {"Parameters": BatchCommand, "Batch": BatchOptions}
+SECTIONS: dict[str, type[OptionGroup]] = {"Parameters": BatchCommand}
 SECTIONS |= {title: GROUPS[key] for key, title in GROUP_TITLES.items()}
 
 
@@ -55,7 +58,7 @@ def run(given: dict[str, Any]) -> int:
     if command.log == "json":
         # If standard output is closed, this raises an error before any work is done.
         files.standard_stream(sys.stdout, "output")
-    job = Batch(command.photos, command.output, options, BatchOptions.of(given))
+    job = Batch(command.photos, command.output, options, command.workers)
     summary = job.summary
     try:
         with closing(job.run(quiet=command.quiet)) as records:

@@ -42,12 +42,11 @@ class CheckOutput(OptionGroup):
     """Options that set which files are written, whether a summary is shown, and the exit status."""
 
     heatmap: Annotated[Path | None, file_path] = None
-    """Save a map of the errors as a PNG file, or in this folder if the SVGs are in a table. Each
-    pixel shows the largest difference of its colour channels, from black for none to pale yellow
-    for 64 or more of 255 levels."""
+    """Save a map of the errors of one SVG as a PNG file. Each pixel shows the largest difference of
+    its colour channels, from black for none to pale yellow for 64 or more of 255 levels."""
 
     preview: Annotated[Path | None, file_path] = None
-    """Save the rasterised SVG as a PNG file, or in this folder if the SVGs are in a table."""
+    """Save the rasterised SVG as a PNG file, if there is one SVG."""
 
     report: Annotated[Path | None, file_path] = None
     """Save all measurements as a JSON file, or print them on standard output with -. Those of a
@@ -78,23 +77,18 @@ def run(given: dict[str, Any]) -> int:
         if len({photo for photo, _ in pairs}) > 1:
             got = f"{len(pairs)} photos"
             raise refusal("--reference", "given with one photo", got, "one photo")
-    # Folder in which all SVGs of a table are
-    root = None if is_one else os.path.commonpath([_folder(svg) for _, svg in pairs])
-    targets = [_pictures(output, svg, root) for _, svg in pairs]
+    pictures = _pictures(output, pairs[0][1], is_one)
     is_printed = str(output.report) == STANDARD_STREAM
-    outputs = [path for paths in targets for path in paths.values()]
-    for folder in () if is_one else {path.parent for path in outputs}:
-        files.make_folder(folder)
     reports = [Path(in_folder(output.report, "check.json"))] if output.report else []
     reports = [] if is_printed else reports
     for path in reports:
         check_ending("--report", path, (".json",))
-    files.check_outputs(inputs, [*outputs, *reports])
+    files.check_outputs(inputs, [*pictures.values(), *reports])
     records: list[dict[str, Any]] = []
     contents: dict[Path, bytes] = {}
     status = STATUS_SOME_FAILED if lines else 0
     with counting(output.quiet or is_one) as update:
-        for (photo, svg), paths in zip(pairs, targets, strict=True):
+        for photo, svg in pairs:
             update(svg, len(records), len(pairs))
             stdin = files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else None
             try:
@@ -114,7 +108,7 @@ def run(given: dict[str, Any]) -> int:
             records.append({"photo": photo, "svg": svg, **result.report})
             lines += [] if is_one else [f"{svg}: {note}" for note in result.notes]
             makers = {"heatmap": result.heatmap, "preview": partial(files.as_png, result.raster)}
-            contents |= {path: makers[name]() for name, path in paths.items()}
+            contents |= {path: makers[name]() for name, path in pictures.items()}
             lowest = min(p for p in (result.psnr, result.psnr_black) if p is not None)
             if output.min_psnr is not None and lowest < output.min_psnr:
                 limit = f"below --min-psnr {output.min_psnr:g}"
@@ -173,28 +167,18 @@ def _pairs_of_folders(photos: str, svgs: list[str]) -> tuple[list[tuple[str, str
     return pairs, [line] * bool(alone)
 
 
-def _folder(path: str) -> str:
-    return os.path.dirname(os.path.abspath(path))
-
-
-def _pictures(output: CheckOutput, svg: str, root: str | None) -> dict[str, Path]:
+def _pictures(output: CheckOutput, svg: str, is_one: bool) -> dict[str, Path]:
     """Return {option: path} for the pictures that are saved of an SVG.
 
-    root  folder in which all SVGs of a table are, None if there is one SVG alone. The pictures of
-          an SVG in a subfolder are in a subfolder of the same name
+    Raise InputError if a picture is asked for and there are several SVGs.
     """
     stem = "svg" if svg == STANDARD_STREAM else Path(svg).stem
     pictures = {}
     for name in ("heatmap", "preview"):
-        path, file = getattr(output, name), f"{stem}-{name}.png"
-        if path is None:
+        if (path := getattr(output, name)) is None:
             continue
-        if root is None:
-            pictures[name] = Path(in_folder(path, file))
-            check_ending(flag_of(name), pictures[name], (".png",))
-        elif path.suffix.lower() == ".png":
-            advice = f"{path.stem}/"
-            raise refusal(flag_of(name), "a folder, for several SVGs", str(path), advice)
-        else:
-            pictures[name] = path / os.path.relpath(_folder(svg), root) / file
+        if not is_one:
+            raise refusal(flag_of(name), "given with one SVG", "several", "each SVG alone")
+        pictures[name] = Path(in_folder(path, f"{stem}-{name}.png"))
+        check_ending(flag_of(name), pictures[name], (".png",))
     return pictures

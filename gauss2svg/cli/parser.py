@@ -21,7 +21,7 @@ _FILES = ("photos", "photo", "svg", "folder")  # fields that are files without a
 # {command: (what it does, arguments that its help shows)}
 _OF_PHOTOS = "PHOTOS -o OUT [OPTIONS]"
 COMMANDS = {
-    "batch": ("Vectorise many photos, on one machine or a cluster.", _OF_PHOTOS),
+    "batch": ("Vectorise many photos, on all cores.", _OF_PHOTOS),
     "bench": ("Compare settings and other tools in tables and plots.", _OF_PHOTOS),
     "check": (
         "Measure how closely any SVG matches a photo.",
@@ -103,7 +103,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def _commands_with(option: str) -> list[str]:
-    """Return the commands that have an option, such as "batch" for "--scheduler"."""
+    """Return the commands that have an option, such as "batch" for "--workers"."""
     found = []
     for command in ("", *COMMANDS):
         groups = import_module(f"gauss2svg.cli.{command or 'vectorize'}").SECTIONS.values()

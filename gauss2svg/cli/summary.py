@@ -70,8 +70,7 @@ def print_check(report: dict[str, Any], svg: str) -> None:
         "file": f"{svg}, {r['svg_width']:g}x{r['svg_height']:g} px",
         "size": _size(r),
         "elements": f"{r['elements']:,}: {', '.join(tags[:6])}{', ..' * (len(tags) > 6)}",
-        "match": f"{_match(r)}, MS-SSIM {_ssim(r['ms_ssim_svg'])}, "
-        f"at {r['width']}x{r['height']} px by {r['renderer']}",
+        "match": f"{_match(r)}, at {r['width']}x{r['height']} px by {r['renderer']}",
         "transparency": _transparency(r),
         "scores": _scores(r),
         # A local error of hue is seen from 10 on (docs/decisions/metrics.md).

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from gauss2svg.options import Interval, OptionGroup, Seed, file_path
+from gauss2svg.options import Interval, OptionGroup, file_path
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.svg import check_text
 
@@ -33,9 +33,6 @@ class BenchOptions(OptionGroup):
     reference_scale: Annotated[float, Interval(ge=1e-3, le=1000)] = 4.0
     """Factor by which SVGs are enlarged to be compared with their references."""
 
-    seed: Seed = 0
-    """Random seed. The same seed gives the same file."""
-
     threads: Annotated[int | None, Interval(ge=1)] = None
     """Number of CPU threads of gauss2svg. The default is one for each core."""
 
@@ -49,9 +46,6 @@ class GalleryOptions(OptionGroup):
 
     threads: Annotated[int | None, Interval(ge=1)] = None
     """Number of CPU threads of each process. By default the processes share the cores."""
-
-    seed: Seed = 0
-    """Random seed. The same seed gives the same files."""
 
     photo_size: Annotated[int, Interval(ge=1, le=16383)] = 2048  # WebP allows at most 16383 px
     """Longest side (px). Larger photos are reduced to it first."""

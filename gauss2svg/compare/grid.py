@@ -19,13 +19,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from gauss2svg.batch.inputs import ListedPhoto
 from gauss2svg.batch.many import as_cell
-from gauss2svg.compare.records import Row, machine, record_or_error
+from gauss2svg.compare.records import Row, json_safe, machine
 from gauss2svg.compare.variants import Variant
-from gauss2svg.errors import OutputError
+from gauss2svg.errors import OutputError, error_line
 from gauss2svg.files import make_folder, reading, writing
 from gauss2svg.measure import packages
 from gauss2svg.pipeline.progress_display import counting
@@ -85,9 +85,7 @@ class Task:
         The photo counts with its content and not with its path.
         """
         software = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
-        # Other tools do not use the seed, so a record of another tool stays valid if it changes.
-        seed = self.columns["seed"] if self.variant and self.variant.is_own else None
-        own = self.photo.digest, self.variant, seed, self.entry, self.dependencies
+        own = self.photo.digest, self.variant, self.entry, self.dependencies
         return hashlib.sha256(json.dumps([software, own]).encode()).hexdigest()
 
     @property
@@ -96,36 +94,17 @@ class Task:
         return self.photo.name + (f", {self.variant.label}" if self.variant else "")
 
 
-class Progress(NamedTuple):
-    """Progress of a grid.
-
-    done   number of tasks that have a record
-    total  number of tasks that will have a record
-    kept   number of runs that are not made again, because the file already had their records
-    now    names of the tasks that are running
-    """
-
-    done: int
-    total: int
-    kept: int
-    now: tuple[str, ...] = ()
-
-
 class Grid:
     """The tasks of a grid and their records.
 
     path      file of all records. It and its folder are created if they do not exist
-    progress  function that is called with a Progress when a task begins or ends. True shows a bar
-              on a terminal or in a notebook
+    progress  whether to show a bar on a terminal or in a notebook
     records  record of each task, in the order of the tasks. A record is empty until its task has
              ended. If the task failed, the record has the entry "error", which says why.
-    kept     number of runs that are not made again, because `path` already had their records
     total    number of tasks that will have a record. The tasks of a photo that fails get no record
     """
 
-    def __init__(
-        self, path: Path, tasks: Iterable[Task], progress: Callable[[Progress], None] | bool | None
-    ) -> None:
+    def __init__(self, path: Path, tasks: Iterable[Task], progress: bool) -> None:
         self._path, self._progress = path, progress
         make_folder(path.parent)
         with writing(path), path.open("ab"):
@@ -140,7 +119,6 @@ class Grid:
                 # The photo may have been renamed after the record was made, so its present name is
                 # put into the record.
                 self.records[task] = row | {"image": task.photo.name}
-        self.kept = sum(1 for task, row in self.records.items() if row and task.variant)
 
     def has_succeeded(self, task: Task) -> bool:
         """Return whether a task has ended without an error."""
@@ -155,36 +133,34 @@ class Grid:
         cannot be written, for example because the disk is full. The other tasks would then fail
         too.
         """
-        now: list[Task] = []
+        now: list[str] = []  # names of the tasks that are running
 
         def report() -> None:
-            done = sum(map(bool, self.records.values()))
-            state = Progress(done, self.total, self.kept, tuple(task.name for task in now))
-            update("; ".join(state.now), state.done, state.total)
-            if callable(self._progress):
-                self._progress(state)
+            update("; ".join(now), sum(map(bool, self.records.values())), self.total)
 
         def submitted(task: Task) -> Future[Row]:
-            now.append(task)
+            now.append(task.name)
             report()
             if task.file is not None and task.file.exists():
                 # The file will be replaced, so its old record must not be used again, even if this
                 # run is interrupted.
                 row = {"key": task.key, "folder": task.columns["folder"]}
                 add_row(self._path, row | {"error": "it was interrupted"})
-            return pool.submit(record_or_error, make, task.request)
+            return pool.submit(make, task.request)
 
         missing = (task for task in tasks if not self.records[task])
-        with counting(quiet=self._progress is not True) as update:
+        with counting(quiet=not self._progress) as update:
             report()
             for task, job in completed(submitted, missing, pool.workers):
                 try:
-                    answer = job.result()
+                    answer = json_safe(job.result())
+                except OutputError:
+                    raise
                 except WorkerDiedError as error:
                     answer = {"error": f"its worker died: {error}"}
-                now.remove(task)
-                if "fatal" in answer:
-                    raise OutputError(answer["error"])
+                except Exception as error:  # another tool may raise any exception
+                    answer = {"error": error_line(error, "smaller photos or fewer Gaussians")}
+                now.remove(task.name)
                 self.records[task] = record = {
                     "key": task.key,
                     **(task.variant.columns if task.variant else {}),

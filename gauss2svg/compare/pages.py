@@ -7,21 +7,19 @@ from __future__ import annotations
 
 import os
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
-from html import escape
 from importlib.resources import files
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import GalleryOptions, chart, run
-from gauss2svg.compare.grid import FOLDER, Grid, Progress, Task, csv_text
+from gauss2svg.compare.grid import FOLDER, Grid, Task, csv_text
 from gauss2svg.compare.records import COUNTS, Row
 from gauss2svg.compare.variants import Variant, entries_of, variants_of
 from gauss2svg.errors import OutputError, instance, on_one_line
@@ -32,7 +30,6 @@ from gauss2svg.pipeline.run import memory_limit, thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
-GalleryProgress = Progress
 # A row of gallery.json has these entries of a report. The reports of other tools lack some of them.
 NUMBERS = (
     "width", "height", *COUNTS, "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
@@ -49,7 +46,6 @@ class Gallery:
     summary    a row for each variant, with medians and totals
     failures   a row for each SVG that could not be made. For a photo that could not be read, there
                is one row, whose variant is None
-    kept       number of SVGs that are kept from an earlier build
     absent     names of the peers that are not installed
     """
 
@@ -57,17 +53,12 @@ class Gallery:
     rows: list[Row]
     summary: list[Row]
     failures: list[Row]
-    kept: int
     absent: list[str]
 
     @property
     def index(self) -> Path:
         """Path of the first page."""
         return self.directory / "index.html"
-
-    def _repr_html_(self) -> str:
-        """Return HTML with a link to the first page."""
-        return f'<a href="{escape(quote(self.index.as_posix()))}">{escape(repr(self)[1:-1])}</a>'
 
     def __repr__(self) -> str:
         counts = f"{len(self.rows)} SVGs, {len(self.failures)} failed"
@@ -84,7 +75,7 @@ def build_gallery(
     axes: Mapping[str, Sequence[Any]] | None = None,
     options: GalleryOptions | None = None,
     command: str | None = None,
-    progress: Callable[[GalleryProgress], None] | bool | None = None,
+    progress: bool = False,
 ) -> Gallery:
     """Vectorise photos in several variants, and write web pages that compare them.
 
@@ -99,8 +90,7 @@ def build_gallery(
                high are compared.
     options    all other options, such as GalleryOptions(jobs=2, title="Flowers")
     command    command line that the pages show
-    progress   function that is called with a GalleryProgress when a step begins or ends. True shows
-               a bar on a terminal or in a notebook
+    progress   whether to show a bar on a terminal or in a notebook
 
     A finished SVG is kept. It is made again only if the bytes of the photo, the settings, the code
     of this package, the renderer or the packages that compute scores have changed. An interruption
@@ -113,14 +103,14 @@ def build_gallery(
     chosen, absent = variants_of(variants, counts, peers, axes)
     entries = {variant: entries_of(variant.files, listed) for variant in chosen}
     options = instance(options, "options", GalleryOptions)
-    jobs, size, seed = options.jobs, options.photo_size, options.seed
+    jobs, size = options.jobs, options.photo_size
     # If no number of threads is given, the processes share the cores.
     threads = thread_count(options.threads) // (jobs if options.threads is None else 1) or 1
     root = _folder(directory)
     # Several processes run at the same time, so each gets an equal share of the free memory as its
     # max_memory. Without this limit, each of them could take most of the free memory.
     run_options = {
-        "seed": seed, "threads": threads, "max_memory": memory_limit(None) // jobs,
+        "threads": threads, "max_memory": memory_limit(None) // jobs,
         "max_pixels": options.max_pixels, "fragments": True,
     }  # fmt: skip
 
@@ -133,7 +123,7 @@ def build_gallery(
             "options": run_options, "peer_timeout": options.peer_timeout,
         }  # fmt: skip
         entry = entries[variant].get(photo, {}) if variant else {}
-        columns = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
+        columns = {"jobs": jobs, "threads": threads, "folder": folder}
         file = root / folder / "picture.svg" if variant else page_photo
         return Task(photo, variant, parameters, (size,), columns, entry, file)
 
@@ -153,11 +143,11 @@ def build_gallery(
             "gauss2svg": __version__, "title": options.title,
             "command": on_one_line(command or call),
             "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            "seed": seed, "photo_size": size, "peers_absent": absent,
+            "photo_size": size, "peers_absent": absent,
         }  # fmt: skip
         document = write_pages(root, about, chosen, plan, grid)
     data = {name: document[name] for name in ("rows", "summary", "failures")}
-    return Gallery(root, **data, kept=grid.kept, absent=absent)
+    return Gallery(root, **data, absent=absent)
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:

@@ -13,13 +13,12 @@ import platform
 import re
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gauss2svg.errors import OutputError, error_line
 from gauss2svg.measure import SCORES
 
 Row = dict[str, Any]
@@ -39,20 +38,6 @@ OWN_KEYS = (
     "fit_width", "fit_height", "iterations", "rounds", "stop_reason", "threads",
     "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs",
 )  # fmt: skip
-
-
-def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:
-    """Return the record that a function makes, or {"error": one line} if it raises an exception.
-
-    So a task that fails does not stop the others. But after an OutputError, the record also has the
-    key "fatal", because no other task can succeed either. The disk may be full, for example.
-    Infinity and NaN become None.
-    """
-    try:
-        return json_safe(make(*arguments))
-    except Exception as error:  # another tool may raise any exception
-        record = {"error": error_line(error, "smaller photos or fewer Gaussians")}
-        return record | ({"fatal": True} if isinstance(error, OutputError) else {})
 
 
 def json_safe(value: Any) -> Any:

@@ -12,7 +12,6 @@ import tempfile
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,11 +20,11 @@ from PIL import Image
 
 from gauss2svg.compare import records
 from gauss2svg.compare.variants import AXES
-from gauss2svg.errors import PeerError, RendererError
+from gauss2svg.errors import Gauss2SvgError, RendererError
 from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure import packages_missing
 from gauss2svg.measure.check import check, enlarged
-from gauss2svg.measure.heatmap import error_map
+from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo.load import WHITE_MATTE, header_of, load_image
@@ -35,7 +34,7 @@ from gauss2svg.pipeline.vectorize import Result, vectorize_by
 from gauss2svg.pool import Pool
 from gauss2svg.processes import held_bytes
 from gauss2svg.svg import NAMESPACE
-from gauss2svg.svg.file import MOST_BYTES, file_bytes, is_own, read_source
+from gauss2svg.svg.file import MOST_BYTES, file_bytes, read_source
 
 Request = Mapping[str, Any]
 # Side (px) of a crop. Pages show crops enlarged 3 times, and five of them fit side by side on the
@@ -78,13 +77,10 @@ def run(request: Request) -> Run:
 
 def measure_run(request: Request) -> dict[str, Any]:
     """Return the benchmark's record of a run. Call this in a process of its own."""
-    if request.get("file") == "":
-        report, used = request["numbers"], {}
-    else:
-        finished = run(request)
-        report = finished.report | finished.cost
-        is_own = request["tool"] == records.TOOL
-        used = {name: report[name] for name in AXES if is_own and name in report}
+    finished = run(request)
+    report = finished.report | finished.cost
+    is_own = request["tool"] == records.TOOL
+    used = {name: report[name] for name in AXES if is_own and name in report}
     names = (*records.FILE_KEYS, *records.COUNTS, *records.OWN_KEYS)
     numbers = {name: report.get(name) for name in names} | {"versions": report.get("versions", {})}
     return {"used": request["settings"] | used, **numbers}
@@ -98,12 +94,12 @@ def _by_gauss2svg(request: Request) -> Run:
     cost = read()
     memory = request["options"].get("max_memory")
     scores = perceptual_scores(result.raster, result.photo, memory and memory - held_bytes())
-    report = {**result.report, "scores": not packages_missing(), **scores.report}
+    report = {**result.report, "scores": not packages_missing(), **scores}
     # The gallery itself asks for fragments, so their note is none for its reader.
     report["notes"] = [note for note in report["notes"] if not note.startswith("--fragments")]
     if reference := request.get("reference"):
         size = report["width"], report["height"]
-        report["psnr_svg_enlarged"] = enlarged(result.svg, reference[0], size, reference[1]).psnr
+        report |= enlarged(result.svg, reference[0], size, reference[1])
     return Run(result.svg.encode(), report, result.raster, result.photo, cost, result)
 
 
@@ -117,8 +113,7 @@ def _by_peer(request: Request) -> Run:
     photo = load_image(request["source"], matte=WHITE_MATTE, max_pixels=most).pixels
     if "file" in request:
         if request["file"] is None:
-            needed = "must have a file or a row for each photo"
-            raise PeerError(f"{tool} {needed}; got none for this one")
+            raise Gauss2SvgError(f"{tool} must have a file for each photo; got none for this one")
         path, cost = Path(request["file"]), request["numbers"]
         suffix = path.suffix.lower()
         is_svg = suffix in SVG_ENDINGS
@@ -132,10 +127,7 @@ def _by_peer(request: Request) -> Run:
         report, raster = _measured_image(data, photo)
         return Run(_as_svg(data, photo), columns | report, raster, photo, cost)
     source, scale = request.get("reference") or (None, None)
-    # A process for each of the many files of a batch would take longer than to fit a small photo.
-    is_ours = tool == "batch" and is_own(request["file"])
-    svg = SimpleNamespace(svg=data.decode()) if is_ours else data
-    result = check(photo, svg, reference=source, reference_scale=scale)
+    result = check(photo, data, reference=source, reference_scale=scale)
     return Run(data, columns | result.report, result.raster, photo, cost)
 
 
@@ -147,14 +139,13 @@ def _converted(
         png = Path(folder) / "photo.png"
         output = png.with_name(f"output{records.PEERS[tool].suffix}")
         png.write_bytes(as_png(photo))
-        call = records.record_or_error, records.convert_by, tool, settings, png, output
+        call = records.convert_by, tool, settings, png, output
         try:
             with Pool(1) as pool:
                 cost = pool.submit(*call, timeout=limit_s).result()
-        except TimeoutError:
-            cost = {"error": f"timed out after {limit_s:g} s. Try a longer --peer-timeout"}
-        if "error" in cost:
-            raise PeerError(cost["error"])
+        except TimeoutError as error:
+            line = f"timed out after {limit_s:g} s. Try a longer --peer-timeout"
+            raise Gauss2SvgError(line) from error
         return output.read_bytes(), cost
 
 
@@ -178,7 +169,7 @@ def _measured_image(
         raise RendererError(f"image must be {width}x{height} px; got {w}x{h}")
     columns = {"width": width, "height": height, "renderer": "Pillow"}
     zipped = file_bytes(data, gzipped=True)
-    scores = measure_pixels(raster, photo) | perceptual_scores(raster, photo).report
+    scores = measure_pixels(raster, photo) | perceptual_scores(raster, photo)
     return columns | scores | {"svg_bytes": len(data), "svgz_bytes": len(zipped)}, raster
 
 
@@ -214,12 +205,11 @@ def make_svg(request: Request) -> dict[str, Any]:
         request = {**request, "source": request["page_photo"]}
     finished = run(request)
     raster, photo = over(finished.raster), over(finished.photo)
-    errors = error_map(raster, photo)
     files = {
         "picture.svg": finished.data,
         "report.json": as_json(finished.report),
         "thumbnail.png": _thumbnail(finished.raster),
-        "errors.png": saved(lambda stream: errors.save(stream, "PNG", optimize=True)),
+        "errors.png": heatmap(raster, photo),
     }
     if finished.result is not None:
         files["scene.npz"] = saved(finished.result.scene.save)

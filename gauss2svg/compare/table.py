@@ -12,14 +12,14 @@ import itertools
 import operator
 import os
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gauss2svg.batch.inputs import ListedPhoto, listed_photos
 from gauss2svg.compare import BenchOptions
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
-from gauss2svg.compare.grid import FOLDER, Grid, Progress, Task, csv_text
+from gauss2svg.compare.grid import FOLDER, Grid, Task, csv_text
 from gauss2svg.compare.records import COUNTS, TOOL, Row
 from gauss2svg.compare.run import measure_run
 from gauss2svg.compare.variants import GRIDS, Variant, entries_of, peer_variants, settings_of
@@ -58,7 +58,6 @@ _COSTS = (
     # to raster images too, because gzip hardly changes their sizes.
     Cost("svgz_bytes", "bytes", "bytes, gzipped"),
 )
-NAMES = tuple(f"{axis.slug}_{cost.unit}.svg" for axis in SCORES for cost in _COSTS)
 
 
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
@@ -162,7 +161,7 @@ def run_bench(
     axes: Mapping[str, Sequence[Any]] | None = None,
     peers: Iterable[str] = (),
     options: BenchOptions = BenchOptions(),
-    progress: Callable[[Progress], None] | bool | None = None,
+    progress: bool = False,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process. Return the rows.
 
@@ -172,11 +171,9 @@ def run_bench(
                   with the other options at their defaults. If it is None, the settings are
                   gauss2svg.compare.variants.GRIDS. If it is empty, only peers are measured.
     peers         other tools, by their names in compare.records.PEERS. Tools that are not
-                  installed are skipped. "mine=FOLDER" or "mine=TABLE.csv" stands for the files or
-                  the numbers of another method.
-    options       limits of the runs, references, the seed and the number of threads
-    progress      function that is called with a Progress when a run begins or ends. True shows a
-                  bar on a terminal or in a notebook
+                  installed are skipped. "mine=FOLDER" stands for the files of another method.
+    options       limits of the runs, references and the number of threads
+    progress      whether to show a bar on a terminal or in a notebook
 
     rows.jsonl, bench.json, bench.csv, summary.md and the plots are written after every run. The
     same call continues an interrupted benchmark. A row without an error is kept if its photo, its
@@ -184,7 +181,7 @@ def run_bench(
     for bad arguments and photos, and OutputError if the folder cannot be written, both before the
     first run.
     """
-    seed, scale = options.seed, options.reference_scale
+    scale = options.reference_scale
     thread_count(options.threads)
     others, absent = peer_variants(peers)
     own = settings_of(*(GRIDS if axes is None else [axes]))
@@ -194,7 +191,7 @@ def run_bench(
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
     entries = {variant: entries_of(variant.files, photos) for variant in variants}
     sources = {} if options.references is None else _references(photos, options.references)
-    of_runs = {"seed": seed, "threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
+    of_runs = {"threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
         # Other tools do not use the number of threads.
@@ -204,7 +201,7 @@ def run_bench(
             parameters["reference"] = source, scale
             dependencies += [hashlib.sha256(source.read_bytes()).hexdigest(), scale]
         entry = entries[variant].get(photo, {})
-        return Task(photo, variant, parameters, tuple(dependencies), {"seed": seed}, entry)
+        return Task(photo, variant, parameters, tuple(dependencies), {}, entry)
 
     plan = [task_of(photo, variant) for variant in variants for photo in photos]
     folder = Path(file_name("directory", directory, FOLDER))
@@ -256,7 +253,4 @@ def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
     texts = {"bench.csv": csv_text(cells), "summary.md": text, **plots}
     tables = {"bench.json": as_json(document)} | {name: t.encode() for name, t in texts.items()}
     write_all_atomically({folder / name: data for name, data in tables.items()})
-    # An earlier benchmark may have left plots that this one does not have. They are removed.
-    for name in set(NAMES) - plots.keys():
-        (folder / name).unlink(missing_ok=True)
     return rows

@@ -3,8 +3,7 @@
 An axis is an option of `vectorize` that a comparison varies. It runs every combination of the
 values of all axes.
 
-The files of any other method are in a folder, with a CSV of what they cost. A CSV alone has numbers
-without files.
+The files of any other method are in a folder, with a CSV of what they cost.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ from typing import Any, NamedTuple
 
 from gauss2svg.batch.inputs import ListedPhoto
 from gauss2svg.batch.many import TABLE, text_of_cell
-from gauss2svg.compare.records import COUNTS, FILE_KEYS, PEERS, TOOL
-from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
-from gauss2svg.files import reading, text_of
+from gauss2svg.compare.records import COSTS, COUNTS, PEERS, TOOL
+from gauss2svg.errors import Gauss2SvgError, InputError, nearest, quoted, refusal
+from gauss2svg.files import SVG_ENDINGS, reading, text_of
 from gauss2svg.options import Field, fields_of
 from gauss2svg.photo import SUFFIXES
 from gauss2svg.pipeline.options import GROUPS, Options
@@ -42,49 +41,41 @@ def rows_of(path: Path) -> list[dict[str, str]]:
     return [{k: text_of_cell(v or "") for k, v in row.items() if k is not None} for row in rows]
 
 
-# Names of a report whose values are numbers, which a CSV may have as columns.
-_NUMBERS = [*(name for name in FILE_KEYS if name != "renderer"), *COUNTS]
-
-
 def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, dict[str, Any]]:
     """Return what a method has of each photo: its file, the SHA-256 of that, and its numbers.
 
     files  "" for a tool that is run, which gives an empty dict. Otherwise a folder of
-           SVGs and pictures with the names of the photos, or a CSV. The folder may have a
-           table.csv, or that of a batch. The column `photo` or `input` of a CSV has the name of the
-           photo, and `output` that of the file. If there is neither, the only row holds for all.
+           SVGs and pictures with the names of the photos. The folder may have a table.csv, or that
+           of a batch. Its column `photo` or `input` has the name of the photo, and `output` that of
+           the file.
 
-    The file is None if the folder has none, and "" for a CSV. Numbers are those of a report, by its
-    names. Raise InputError for a CSV without a column of a report, and for a cell in such a column
-    that is neither a number nor empty.
+    The file is None if the folder has none. The numbers are the costs and the counts of the table,
+    by their names in a report. Raise InputError for one that is neither a number nor empty.
     """
     if not files:
         return {}
-    folder, is_table = Path(files), Path(files).is_file()
-    tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
-    rows = [row for path in tables if path.is_file() for row in rows_of(path)]
-    if is_table and not (rows and rows[0].keys() & {*_NUMBERS}):
-        got = brief(", ".join(rows[0])) if rows else "no row"
-        needed = "a CSV with columns of a report between commas"
-        raise refusal(files, needed, got, "psnr_svg,svgz_bytes")
+    folder = Path(files)
+    tables = [path for path in (folder / "table.csv", folder / TABLE) if path.is_file()]
     by_name: dict[str, dict[str, str]] = {}
-    for row in rows:
+    for row in itertools.chain(*map(rows_of, tables)):
         name = row.get("photo") or row.get("input") or ""
         by_name |= {Path(name).stem: row, name: row}
-    pictures = {} if is_table else {
-        path.stem: path for path in sorted(folder.iterdir())
-        if path.name.lower().endswith((*SUFFIXES, ".svg", ".svgz"))
-    }  # fmt: skip
+    pictures = {
+        path.stem: path
+        for path in sorted(folder.iterdir())
+        if path.name.lower().endswith((*SUFFIXES, *SVG_ENDINGS))
+    }
     entries = {}
     for photo in photos:
         stem = Path(photo.path).stem
-        row = by_name.get(photo.path) or by_name.get(stem) or by_name.get("") or {}
+        row = by_name.get(photo.path) or by_name.get(stem) or {}
         path = folder / row["output"] if row.get("output") else pictures.get(stem)
         data = path.read_bytes() if path and path.is_file() else None
+        names = [name for name in (*COSTS, *COUNTS) if row.get(name)]
         entries[photo] = {
-            "file": "" if is_table and row else data and str(path),
+            "file": data and str(path),
             "digest": data and hashlib.sha256(data).hexdigest(),
-            "numbers": {k: _number(k, files, v) for k, v in row.items() if k in _NUMBERS and v},
+            "numbers": {name: _number(name, files, row[name]) for name in names},
         }
     return entries
 
@@ -106,7 +97,7 @@ class Variant(NamedTuple):
     settings  (name, value) of options of gauss2svg or of another tool, sorted by name
     tool      "gauss2svg", the name of a peer, or the label of files
     version   version of the tool, or None if it is not installed
-    files     folder or CSV with what another method has made of the photos. "" if a tool is run
+    files     folder with what another method has made of the photos. "" if a tool is run
     """
 
     settings: Settings
@@ -143,10 +134,10 @@ def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[V
     """Return variants of other tools, each once, and the names of tools that are not installed.
 
     texts   "vtracer" for all settings of the tool, "vtracer:detailed" for one of them, or
-            LABEL=PATH for the folder or the CSV of another method
+            LABEL=FOLDER for the files of another method
     most    "vtracer" stands for at most this number of settings, which are the first ones of the
             tool. If it is None, "vtracer" stands for all of them.
-    Raise InputError for any other text, and if two paths have the same label.
+    Raise InputError for any other text, and if two folders have the same label.
     """
     by_text: dict[str, list[Variant]] = {}
     for tool, peer in PEERS.items():
@@ -159,10 +150,8 @@ def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[V
         if equals_sign:
             is_taken = label in {TOOL, *PEERS, *PRESETS, *(one.tool for one in chosen)}
             is_word = re.fullmatch(r"\w[\w.-]*", label)
-            if is_taken or not is_word or not Path(files).exists():
-                needed = (
-                    "a word that no preset and no other peer has, and a folder or CSV that exists"
-                )
+            if is_taken or not is_word or not Path(files).is_dir():
+                needed = "a word that no preset and no other peer has, and a folder that exists"
                 raise refusal("a peer with =", needed, quoted(text), "mine=FOLDER")
             chosen[Variant((), label, "", files)] = None
         else:
@@ -194,9 +183,6 @@ def variants_of(
     lists = {"quality": sequence("variants", presets), "gaussians": sequence("counts", counts)}
     grids = [{name: values} for name, values in lists.items() if values]
     others, absent = peer_variants(peers, 1)
-    for variant in others:
-        if Path(variant.files).is_file():  # "" is no file
-            raise refusal(f"peer {variant.tool}", "a folder", variant.files, "gauss2svg bench")
     variants = [*map(Variant, settings_of(*grids, axes or {})), *others]
     if not variants:
         got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"
@@ -204,15 +190,13 @@ def variants_of(
     return variants, absent
 
 
-# Options that can be an axis: all options of four groups, and also `renderer` and `max_size`. The
-# seed cannot be an axis, because `gauss2svg bench` has an option of its own for it. Each option
-# gets the name by which error messages call it, such as "axis gaussians".
+# Options that can be an axis: all options of four groups, and also `renderer` and `max_size`. Each
+# option gets the name by which error messages call it, such as "axis gaussians".
 AXES: dict[str, Field] = {
     field.name: replace(field, name=f"axis {field.name}")
     for key, group in GROUPS.items()
     for field in fields_of(group)
-    if (key in ("goal", "fit", "densify", "svg") and field.name != "seed")
-    or field.name in ("renderer", "max_size")
+    if key in ("goal", "fit", "densify", "svg") or field.name in ("renderer", "max_size")
 }
 
 

@@ -7,8 +7,8 @@ module does not import NumPy, which would make the help slow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pkgutil import resolve_name
 from typing import Annotated, Any
@@ -180,39 +180,10 @@ FLIP = Score(
 )
 SCORES = (PSNR, SSIM, SSIMULACRA2, FLIP)
 ON_REQUEST = tuple(score for score in SCORES if not score.always)
+# Entries of a report if no score is measured on request
+NO_SCORES = {**dict.fromkeys(score.key for score in ON_REQUEST), "scores_missing": []}
 TARGETS = tuple(score for score in SCORES if score.search is not None)
 ADVICE = 'Try pip install "gauss2svg[scores]"'
-
-
-class ScoresMissingError(InputError, ImportError):
-    """A requested score needs a package that is not installed."""
-
-
-@dataclass(frozen=True)
-class Scores:
-    """The scores of a raster that are measured on request.
-
-    If the photo has alpha, a score is measured over white and over black, and the worse value
-    counts.
-
-    values   scores by slug. Each slug is also the name of an attribute, which is None if that score
-             is not measured
-    missing  lines of text that say why scores are None
-    """
-
-    values: Mapping[str, float] = field(default_factory=dict)
-    missing: tuple[str, ...] = ()
-
-    def __getattr__(self, name: str) -> float | None:
-        if name not in (score.slug for score in ON_REQUEST):
-            raise AttributeError(name)
-        return self.values.get(name)
-
-    @property
-    def report(self) -> dict[str, Any]:
-        """Dict for a report. It has each score under the score's key, and `scores_missing`."""
-        scores = {score.key: self.values.get(score.slug) for score in ON_REQUEST}
-        return {**scores, "scores_missing": list(self.missing)}
 
 
 def packages_missing() -> tuple[str, ...]:
@@ -226,7 +197,7 @@ def packages_missing() -> tuple[str, ...]:
 
 
 def require_packages(score: Score | None = None) -> None:
-    """Raise ScoresMissingError unless the package that `score` needs is installed.
+    """Raise InputError unless the package that `score` needs is installed.
 
     If `score` is None, all scores are wanted, but it is enough if the package of one score is
     installed. This is because FLIP has no package for the newest Python.
@@ -235,7 +206,7 @@ def require_packages(score: Score | None = None) -> None:
     if not any(each.is_installed for each in scores):
         name = "scores" if score is None else score.option
         needed = f"given with {' or '.join(each.package for each in scores)} installed"
-        raise ScoresMissingError(f"{name} must be {needed}; got none. {ADVICE}")
+        raise InputError(f"{name} must be {needed}; got none. {ADVICE}")
 
 
 def packages() -> dict[str, str]:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import html
 import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import refusal
-from gauss2svg.files import as_png
-from gauss2svg.measure import CheckOptions, Scores, metrics
+from gauss2svg.measure import CheckOptions
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
@@ -30,29 +28,10 @@ from gauss2svg.svg.file import (
     file_bytes,
     frame_of,
     from_root,
-    image,
     read_source,
     stretched,
 )
 from gauss2svg.svg.untrusted import Survey
-
-
-class Enlarged(NamedTuple):
-    """Scores of an enlarged SVG against the larger picture from which its photo was made.
-
-    Both are composited over white.
-
-    scale          size of the comparison divided by the size of the photo
-    width, height  size in px at which the two are compared
-    psnr           dB, infinite if equal
-    ssim           -1..1, None under 11 px a side
-    """
-
-    scale: float
-    width: int
-    height: int
-    psnr: float
-    ssim: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +41,6 @@ class CheckResult:
     measured       what follows, by the keys of `report`. Each is also an attribute of its name:
     psnr           dB, infinite if equal
     ssim           -1..1, None under 11 px a side
-    ms_ssim        0..1, None under 176 px a side
     largest_error  largest error of any channel, in levels of 255
     bias           mean of the SVG's raster minus the photo, in levels of 255
     hue_error      largest local error of hue (metrics.local_hue_error). If the photo has alpha, it
@@ -74,15 +52,19 @@ class CheckResult:
     renderer       name and version of the renderer
     psnr_black     PSNR over black in dB, None if the photo is opaque
     psnr_alpha     PSNR of the alpha channel in dB, None if the photo is opaque
+    psnr_enlarged  PSNR in dB of the enlarged SVG against the reference, None without a reference.
+                   Its size is `reference_scale` times that of the photo
+    ssim_enlarged  SSIM of the enlarged SVG against the reference, None without a reference
+    ssimulacra2    SSIMULACRA2, None if it is not measured. If the photo has alpha, the worse of the
+                   values over white and over black
+    flip           FLIP, None if it is not measured. If the photo has alpha, the worse value again
+    scores_missing  lines that say why SSIMULACRA2 or FLIP is None
 
     survey         counts of the SVG's elements
     frame          width, height and viewBox that the SVG itself has
     raster, photo  (h, w, 3) float32 in 0..1: the SVG's raster, and the photo as it was compared.
                    (h, w, 4) if the photo has alpha
     notes          remarks on the comparison
-    scores         SSIMULACRA2 and FLIP. If the photo has alpha, each is measured over white and
-                   over black, and the worse value counts
-    enlarged       scores of the enlarged SVG against the reference, None without a reference
     """
 
     measured: dict[str, Any]
@@ -91,8 +73,6 @@ class CheckResult:
     raster: NDArray[np.float32]
     photo: NDArray[np.float32]
     notes: tuple[str, ...]
-    scores: Scores
-    enlarged: Enlarged | None = None
 
     def __getattr__(self, name: str) -> Any:
         measured = {k.replace("_svg", ""): v for k, v in vars(self).get("measured", {}).items()}
@@ -104,7 +84,7 @@ class CheckResult:
     def report(self) -> dict[str, Any]:
         """Scores and counts for JSON. docs/reference/report.md explains the keys."""
         height, width = self.photo.shape[:2]
-        larger, tags = self.enlarged, self.survey.tags
+        tags = self.survey.tags
         report = {
             "width": width,
             "height": height,
@@ -113,10 +93,6 @@ class CheckResult:
             "view_box": list(self.frame.view_box),
             "transparent": has_alpha(self.photo),
             **self.measured,
-            **self.scores.report,
-            "reference_scale": larger and larger.scale,
-            "psnr_svg_enlarged": larger and larger.psnr,
-            "ssim_svg_enlarged": larger and larger.ssim,
             "elements": self.survey.elements,
             "elements_by_tag": dict(tags),
             "groups": tags.get("g", 0),
@@ -132,16 +108,6 @@ class CheckResult:
         See gauss2svg.measure.heatmap.
         """
         return heatmap(over(self.raster), over(self.photo))
-
-    def _repr_html_(self) -> str:
-        """Return HTML that shows the SVG, its errors and its scores."""
-        raster = over(self.raster)
-        share = min(1.0, 400 / max(raster.shape[:2]))  # a notebook shows 400 px
-        height, width = (max(1, round(share * side)) for side in raster.shape[:2])
-        small, photo = (shrunk(one, height, width) for one in (raster, over(self.photo)))
-        pictures = {"the SVG": as_png(small), "its errors": heatmap(small, photo)}
-        shown = "".join(image(png, "image/png", alt) for alt, png in pictures.items())
-        return f"{shown}<br/>{html.escape(repr(self)[1:-1])}"
 
     def __repr__(self) -> str:
         height, width = self.photo.shape[:2]
@@ -195,24 +161,26 @@ def check(
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
     pixels, size = pixels_of(picture), (picture.width, picture.height)
     data, text = read_source(getattr(svg, "svg", svg), int(asked.max_svg_bytes))
-    larger, scale = None, asked.reference_scale or 4.0
+    larger: dict[str, Any] = dict.fromkeys(
+        ("reference_scale", "psnr_svg_enlarged", "ssim_svg_enlarged")
+    )
     if reference is not None:
-        larger = enlarged(text, reference, size, scale, asked, WHITE if matte is None else matte)
+        scale, behind = asked.reference_scale or 4.0, WHITE if matte is None else matte
+        larger = enlarged(text, reference, size, scale, asked, behind)
     surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)
     drawing = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
     raster = drawing.pixels
-    is_measurable = min(size) >= metrics.LEAST_SIDE_FOR_MS_SSIM
     measured = {
         "renderer": renderer,
         **measure_pixels(raster, pixels),
-        "ms_ssim_svg": metrics.ms_ssim(over(raster), over(pixels)) if is_measurable else None,
         "svg_bytes": len(data),
         "svgz_bytes": len(file_bytes(data, gzipped=True)),
+        **larger,
+        **perceptual_scores(raster, pixels),
     }
     unknown = [*(f"<{name}>" for name in surveyed.unknown), *drawing.unread]
     notes = _notes(surveyed, frame, picture, asked.renderer, unknown, uses(text, MOVING))
-    scores = perceptual_scores(raster, pixels)
-    return CheckResult(measured, surveyed, frame, raster, pixels, tuple(notes), scores, larger)
+    return CheckResult(measured, surveyed, frame, raster, pixels, tuple(notes))
 
 
 def enlarged(
@@ -222,8 +190,11 @@ def enlarged(
     scale: float,
     options: CheckOptions = CheckOptions(),
     matte: float | tuple[float, float, float] = WHITE,
-) -> Enlarged:
+) -> dict[str, Any]:
     """Draw the SVG `text` at `scale` times the photo's size, and compare it with the reference.
+
+    Return the scale and the scores, by their keys in a report. Both pictures are composited over
+    white.
 
     reference  larger picture from which the photo was made: an SVG, or a picture that has at least
                the enlarged size
@@ -256,7 +227,8 @@ def enlarged(
             raise refusal("size of the reference", needed, got, f"an SVG, or {advice}")
         reference_pixels = shrunk(over(pixels_of(picture), matte), height, width)
     measured = measure_pixels(drawn_over(text, WHITE), reference_pixels)
-    return Enlarged(float(scale), width, height, measured["psnr_svg"], measured["ssim_svg"])
+    scores = {f"{name}_enlarged": measured[name] for name in ("psnr_svg", "ssim_svg")}
+    return {"reference_scale": float(scale), **scores}
 
 
 def _is_svg(source: ImageSource | SvgSource) -> bool:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
-from PIL.PngImagePlugin import PngInfo
+from PIL import Image
+
+from gauss2svg.files import saved
 
 # Error at the bright end of the scale, in levels of 255. Larger errors have the same colour.
 MOST = 64
@@ -30,17 +29,6 @@ def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[
     return np.abs(np.subtract(image, other, dtype=np.float64)).max(axis=2) * 255
 
 
-def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image.Image:
-    """Return the map of `heatmap` without its legend, as a picture with a palette of 65 colours.
-
-    Errors are rounded to whole levels, and each of the levels 0..64 has a colour.
-    """
-    levels = np.minimum(np.round(errors(image, other)), MOST).astype(np.uint8)
-    picture = Image.fromarray(levels, "P")
-    picture.putpalette(colors_of(np.arange(MOST + 1.0)).tobytes())
-    return picture
-
-
 def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Return the colours (..., 3) of errors (...) in levels of 255.
 
@@ -60,25 +48,10 @@ def legend() -> list[str]:
 def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:
     """Return a PNG in which the colour of each pixel shows the error there.
 
-    The error is the largest absolute difference among the pixel's channels. The colours stand for
-    errors from 0 to 64/255. A larger error has the colour of 64/255. Both images are (h, w, 3)
-    in 0..1. The map is the first h rows of the PNG. Below it is a legend, which has labels if the
-    image is at least 120 px wide.
+    Errors are rounded to whole levels, and each of the levels 0..MOST has a colour. Larger errors
+    have the colour of MOST. Both images are (h, w, c) in 0..1.
     """
-    height, width = image.shape[:2]
-    bar, labels = 10, 12  # px, heights of the bar of colours and of its labels
-    labelled = width >= 120
-    sheet = Image.new("RGB", (width, height + bar + (labels if labelled else 0)), "white")
-    sheet.paste(error_map(image, other), (0, 0))
-    ramp = np.broadcast_to(np.linspace(0, MOST, width), (bar, width))
-    sheet.paste(Image.fromarray(colors_of(ramp)), (0, height))
-    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(labels - 2)
-    for tick in (0, 16, 32, 48, 64) if labelled else ():
-        text = f"{tick}+" if tick == MOST else str(tick)
-        wide = pen.textlength(text, font)
-        left = tick / MOST * (width - 1) - wide / 2
-        pen.text((min(max(left, 1), width - wide - 1), height + bar), text, "black", font)
-    notes, stream = PngInfo(), io.BytesIO()
-    notes.add_text("Description", f"largest difference of any channel, 0 to pale yellow {MOST}+")
-    sheet.save(stream, "PNG", pnginfo=notes)
-    return stream.getvalue()
+    levels = np.minimum(np.round(errors(image, other)), MOST).astype(np.uint8)
+    picture = Image.fromarray(levels, "P")
+    picture.putpalette(colors_of(np.arange(MOST + 1.0)).tobytes())
+    return saved(lambda stream: picture.save(stream, "PNG", optimize=True))

@@ -8,7 +8,7 @@ box filter.
 import math
 from collections.abc import Iterator
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,22 +20,19 @@ from gauss2svg.without_scipy import mirrored, smoothed
 
 _WINDOW = 11  # px, side of SSIM's Gaussian window
 LEAST_SIDE_FOR_SSIM = _WINDOW
-LEAST_SIDE_FOR_MS_SSIM = 16 * _WINDOW  # MS-SSIM divides the sides by 16 at its smallest scale
 _BAND = 256  # number of rows of windows for which SSIM is computed at a time
-
-
-def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
-    """Raise InputError unless two images have the same shape (h, w, channels)."""
-    if image.shape != other.shape or image.ndim != 3:
-        got = f"{image.shape} and {other.shape}"
-        raise refusal("two images", "of one shape (h, w, channels)", got)
 
 
 def _differences(
     image: NDArray[np.floating], other: NDArray[np.floating]
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield the difference (w * channels,) of each row. A row at a time takes little memory."""
-    check_shapes(image, other)
+    """Yield the difference (w * channels,) of each row. A row at a time takes little memory.
+
+    Raise InputError unless the two images have the same shape.
+    """
+    if image.shape != other.shape or image.ndim != 3:
+        got = f"{image.shape} and {other.shape}"
+        raise refusal("two images", "of one shape (h, w, channels)", got)
     for row, other_row in zip(image, other, strict=True):
         yield np.subtract(row, other_row, dtype=np.float64).ravel()
 
@@ -84,46 +81,13 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     Source: Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004. scikit-image gives
     the same numbers.
     """
-    check_shapes(image, other)
     channels = image.shape[2]
     # SSIM is computed in float32, the type of photos and rasters. float64 takes twice the memory.
     planes = ((image[:, :, c], other[:, :, c]) for c in range(channels))
-    return math.fsum(_similarity(a, b, np.float32) for a, b in planes) / channels
+    return math.fsum(_similarity(a, b) for a, b in planes) / channels
 
 
-def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Return the multi-scale structural similarity (MS-SSIM) in 0..1, averaged over the channels.
-
-    A channel's MS-SSIM is the product of cs_j^w_j over five scales, with the weights w = .0448,
-    .2856, .3001, .2363, .1333. Scale 1 is the image, and each further scale has the means of blocks
-    of 2x2 px of the scale before it. If a side of that scale is odd, its last row or column counts
-    twice. cs_j is the mean of contrast times structure, which is SSIM without its luminance term,
-    over all windows inside the image. At scale 5, cs_j is the mean SSIM. The windows and constants
-    are those of SSIM. A negative cs_j, as between a photo and its negative, counts as 0, because
-    its fractional power is not a real number.
-
-    An image needs at least LEAST_SIDE_FOR_MS_SSIM px a side, so that a window fits at scale 5.
-
-    Source: Wang, Simoncelli and Bovik, "Multi-scale structural similarity for image quality
-    assessment", 2003, and their implementation.
-    """
-    check_shapes(image, other)
-    channels = []
-    for c in range(image.shape[2]):
-        a, b = image[:, :, c], other[:, :, c]
-        product = 1.0
-        for scale, weight in enumerate((0.0448, 0.2856, 0.3001, 0.2363, 0.1333), 1):
-            # With so large a k1, the luminance term is 1.
-            k1 = 0.01 if scale == 5 else 1e6
-            product *= max(_similarity(a, b, np.float64, k1), 0.0) ** weight
-            a, b = _halved(a), _halved(b)
-        channels.append(product)
-    return float(np.mean(channels))
-
-
-def _similarity(
-    plane: NDArray[np.floating], other: NDArray[np.floating], dtype: Any, k1: float = 0.01
-) -> float:
+def _similarity(plane: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the mean SSIM of two planes (h, w) over Gaussian windows, as scikit-image has it."""
     rim = _WINDOW // 2
     rows, total = plane.shape[0] - 2 * rim, 0.0
@@ -131,25 +95,19 @@ def _similarity(
     # SSIM is computed in bands to save memory. Whole planes of float32 would take 60 bytes a pixel.
     for top in range(0, rows, _BAND):
         x, y = (
-            np.ascontiguousarray(each[top : top + _BAND + 2 * rim], dtype)
+            np.ascontiguousarray(each[top : top + _BAND + 2 * rim], np.float32)
             for each in (plane, other)
         )
         mean_x, mean_y, xx, yy, xy = (
             smoothed(each, 1.5, 3.5) for each in (x, y, x * x, y * y, x * y)
         )
-        c1, c2 = k1**2, 0.03**2
+        c1, c2 = 0.01**2, 0.03**2
         a1, a2 = 2 * mean_x * mean_y + c1, 2 * (xy - mean_x * mean_y) + c2
         b1 = mean_x**2 + mean_y**2 + c1
         b2 = (xx - mean_x * mean_x) + (yy - mean_y * mean_y) + c2
         inside = ((a1 * a2) / (b1 * b2))[rim:-rim, rim:-rim]
         total += len(inside) * float(inside.mean(dtype=np.float64))
     return total / rows
-
-
-def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
-    height, width = plane.shape
-    even = np.pad(plane, ((0, height % 2), (0, width % 2)), mode="edge").astype(np.float64)
-    return even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2).mean(axis=(1, 3))
 
 
 def largest_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
@@ -175,7 +133,6 @@ def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> 
     """
     from scipy.ndimage import maximum_filter
 
-    check_shapes(image, reference)
     steep = np.zeros(reference.shape[:2], bool)
     for axis in (0, 1):  # the pixels on both sides of a steep step are marked
         steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= 0.02
@@ -220,7 +177,6 @@ def local_hue_error(image: NDArray[np.float32], photo: NDArray[np.float32]) -> H
     that are a pixel off, hardly count, but a small part that has lost its colour does. If the
     photo has alpha, the errors are measured over white and over black, and the worse ones count.
     """
-    check_shapes(image, photo)
     height, width = photo.shape[:2]
     rows, step, radius = mirrored(height, WINDOW // 2), 128, WINDOW // 2
     found = []

@@ -3,24 +3,23 @@
 SSIMULACRA2 (package ssimulacra2) and FLIP (package flip-evaluator) agree better with what people
 see than PSNR and SSIM do. Each takes about a second for half a megapixel
 (docs/decisions/metrics.md). Both are given pictures of 8 bits a channel, like the pictures that
-their command lines read. FLIP runs in a process of its own,
-`python -m gauss2svg.measure.perceptual`.
+their command lines read. FLIP runs in a process of its own.
 """
 
 from __future__ import annotations
 
 import io
-import sys
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.measure import ON_REQUEST, Scores, packages_missing
-from gauss2svg.measure.metrics import check_shapes
+from gauss2svg.measure import NO_SCORES, ON_REQUEST, packages_missing
 from gauss2svg.measure.roundtrip import score_of
-from gauss2svg.processes import MEMORY_SHARE, free_bytes, module_command, python_environment, run
+from gauss2svg.pool import Pool, WorkerDiedError
+from gauss2svg.processes import MEMORY_SHARE, free_bytes
 
 
 def perceptual_scores(
@@ -28,18 +27,20 @@ def perceptual_scores(
     photo: NDArray[np.float32],
     spare: int | None = None,
     known: Mapping[str, float] | None = None,
-) -> Scores:
+) -> dict[str, Any]:
     """Measure the scores of a raster against its photo, both (h, w, 3) or (h, w, 4) in 0..1.
+
+    Return the scores by their keys in a report, and `scores_missing`. If the photo has alpha, a
+    score is measured over white and over black, and the worse value counts.
 
     spare  bytes of memory that measuring each score may take. None means MEMORY_SHARE of the free
            memory
     known  scores that are already measured, by slug
 
     A score is None if its package is not installed or fails, if the picture is too small or too
-    large for it, or if measuring it would take more than `spare` bytes. `missing` then says why.
-    Raise InputError if the two pictures differ in shape.
+    large for it, or if measuring it would take more than `spare` bytes. `scores_missing` then has
+    a line that says why.
     """
-    check_shapes(raster, photo)
     spare = max(int(MEMORY_SHARE * free_bytes()) if spare is None else spare, 0)
     values, missing = dict(known or {}), list(packages_missing())
     height, width = photo.shape[:2]
@@ -55,11 +56,14 @@ def perceptual_scores(
         else:
             try:
                 values[score.slug] = score_of(score, raster, photo)
-            except (ChildProcessError, ImportError) as error:
+            except WorkerDiedError as error:
+                obstacle = f"its process died: {error}"
+            except (ImportError, MemoryError) as error:
                 obstacle = str(error)
         if obstacle:
             missing.append(f"{score.name} is not measured: {obstacle}")
-    return Scores(values, tuple(missing))
+    by_key = {score.key: values[score.slug] for score in ON_REQUEST if score.slug in values}
+    return NO_SCORES | by_key | {"scores_missing": missing}
 
 
 def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
@@ -97,36 +101,20 @@ def flip(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
     Source: Andersson, Nilsson, Akenine-Moller, Oskarsson, Astrom and Fairchild, "FLIP: A Difference
     Evaluator for Alternating Images", 2020, in the package flip-evaluator.
 
-    Raise ChildProcessError if FLIP's process fails, as it does if the package is not installed.
+    Raise WorkerDiedError if its process dies, and ImportError if the package is not installed.
     """
-    height, width = photo.shape[:2]
     # FLIP runs in a new process. Its OpenMP would hang in a forked process if the parent process
     # has used OpenMP.
-    command = module_command("gauss2svg.measure.perceptual", str(height), str(width))
-    data = _eight_bits(photo).tobytes() + _eight_bits(image).tobytes()
-    ended = run(command, data, environment=python_environment())
-    if ended.status:
-        why = ended.complaint or "was there enough memory?"
-        raise ChildProcessError(f"its process ended with status {ended.status}: {why}")
-    return float(ended.output)
+    with Pool(1) as pool:
+        return pool.submit(_flip, _eight_bits(image), _eight_bits(photo)).result()
 
 
-def main() -> None:
-    """Read a photo and an image from standard input, and print their FLIP.
-
-    Both are (height, width, 3) of 8 bits. Height and width are the arguments of the program.
-    """
+def _flip(image: NDArray[np.uint8], photo: NDArray[np.uint8]) -> float:
     from flip_evaluator import evaluate
 
-    height, width = map(int, sys.argv[1:])
-    levels = np.frombuffer(sys.stdin.buffer.read(), np.uint8).reshape(2, height, width, 3)
-    photo, image = levels.astype(np.float32) / np.float32(255)
-    print(evaluate(photo, image, "LDR", applyMagma=False)[1])
+    of_photo, of_image = (one.astype(np.float32) / np.float32(255) for one in (photo, image))
+    return float(evaluate(of_photo, of_image, "LDR", applyMagma=False)[1])
 
 
 def _eight_bits(image: NDArray[np.floating]) -> NDArray[np.uint8]:
     return np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
-
-
-if __name__ == "__main__":
-    main()

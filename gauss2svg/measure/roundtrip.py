@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.measure import Score, metrics
 from gauss2svg.photo.pixels import BLACK, has_alpha, over, stacked, views
-from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like, renderer_version
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
@@ -23,36 +22,19 @@ HEAVY_MS = 100.0
 WIDEST_SHOWN = 1600.0  # px, about the largest width at which web pages show a picture
 
 
-class RoundTrip(NamedTuple):
-    """An SVG's raster and its scores.
-
-    raster  (h, w, 3), or (h, w, 4) if the photo has alpha
-    scores  dict for a report, whose keys docs/reference/report.md explains. PSNR is in dB, and
-            infinite for equal pictures. Differences are in levels of 255. `psnr_model` compares the
-            fitted model with the photo, keys with `svg` compare the raster with the photo, and keys
-            with `roundtrip` compare the raster with the model
-    """
-
-    raster: NDArray[np.float32]
-    scores: dict[str, Any]
-
-
 def round_trip(
-    svg: str,
-    scene: Scene,
-    photo: NDArray[np.float32],
-    renderer: str = DEFAULT_RENDERER,
-    raster: NDArray[np.float32] | None = None,
-) -> RoundTrip:
-    """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
+    svg: str, scene: Scene, photo: NDArray[np.float32], raster: NDArray[np.float32]
+) -> dict[str, Any]:
+    """Compare the raster of a scene's SVG with the photo and the scene. Return scores for a report.
 
-    The SVG and the scene are drawn at the size of the photo, even if the scene's canvas has another
-    size. Raise RendererError if the renderer cannot draw the SVG.
+    docs/reference/report.md explains the keys. PSNR is in dB, and infinite for equal pictures.
+    Differences are in levels of 255. `psnr_model` compares the fitted model with the photo, keys
+    with `svg` compare the raster with the photo, and keys with `roundtrip` compare the raster with
+    the model. The scene is drawn at the size of the photo, even if its canvas has another size.
 
-    raster  raster of the SVG if it is known. Otherwise the SVG is rasterised
+    photo, raster  (h, w, 3), or (h, w, 4) if the photo has alpha
     """
     height, width = photo.shape[:2]
-    raster = rasterize_like(svg, photo, renderer) if raster is None else raster
     over_white = over(raster)
     # Rounding in float32 may move values slightly out of 0..1, so they are clipped.
     model = render(scene, width, height)
@@ -60,8 +42,7 @@ def round_trip(
     model_black, model_alpha = None, None
     if has_alpha(photo):
         model_black, model_alpha = _psnr_with_alpha(render_rgba(scene, width, height), photo)
-    scores = {
-        "renderer": renderer_version(renderer),
+    return {
         "psnr_model": metrics.psnr(model, over(photo)),
         **measure_pixels(raster, photo),
         "psnr_roundtrip": metrics.psnr(over_white, model),
@@ -72,7 +53,6 @@ def round_trip(
         "psnr_model_black": model_black,
         "psnr_model_alpha": model_alpha,
     }
-    return RoundTrip(raster, scores)
 
 
 def model_psnr(

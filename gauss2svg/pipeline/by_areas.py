@@ -232,10 +232,10 @@ class ByAreas:
 
         In a flat picture these are thin lines. In a JPEG or with few inks, areas are surely better.
         """
-        working = self._subject.working
-        if self._plan.prefers_areas or self._quality is not None or self._inks or is_flat(working):
+        is_surely_drawn = self._quality is not None or self._inks or is_flat(self._noisy)
+        if self._plan.prefers_areas or is_surely_drawn:
             return False
-        is_edge, is_even = two_toned(over(working))
+        is_edge, is_even = two_toned(over(self._subject.working))
         return bool(is_even.sum() < GLOSSY * is_edge.sum())
 
     def _glance(self, error: float, edges: int) -> None:

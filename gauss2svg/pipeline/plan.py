@@ -87,6 +87,9 @@ DEFAULT_PRESET = "balanced"
 # A photo whose mean colour alone is closer than this is faint: at the usual PSNRs it would lose
 # what is seen in it. The mean colours of eight Kodak photos have 9 to 16 dB.
 FAINT_PSNR = 22.0
+# The same for a mosaic of MOSAIC squares along the longest side: a smooth photo of a leaf or of
+# cells has little else to see. The mosaics of the eight have 16 to 24 dB.
+MOSAIC, MOSAIC_PSNR = 64, 26.0
 FAINT_STOP = 46.0  # largest PSNR (dB) at which growth stops later for a faint photo
 
 CAP_FOR_TARGET = 50000  # largest number of Gaussians in a run with a target, for every preset
@@ -95,11 +98,20 @@ INDISTINGUISHABLE = 54.0
 
 
 def faintness_of(pixels: NDArray[np.float32]) -> float:
-    """Return by how many dB the mean colour of a photo (h, w, c) is closer than FAINT_PSNR."""
-    variance = float(pixels.reshape(-1, pixels.shape[2])[:, :3].var(axis=0, dtype=float).mean())
-    if variance == 0:
-        return 0.0
-    return round(max(0.0, -10 * portable.log10(variance) - FAINT_PSNR), 1)
+    """Return by how many dB the mean colour of a photo (h, w, c), or a mosaic of it, is too close.
+
+    At the usual PSNR, the photo would lose what is seen in it.
+    """
+    height, width, channels = pixels.shape
+    side = min(max(1, round(max(height, width) / MOSAIC)), height, width)
+    rows, columns = height // side, width // side
+    squares = pixels[: rows * side, : columns * side].reshape(rows, side, columns, side, channels)
+    faint = 0.0
+    for parts, least in ((pixels[None, :, None], FAINT_PSNR), (squares, MOSAIC_PSNR)):
+        variance = float(parts[..., :3].var(axis=(1, 3), dtype=float).mean())
+        if variance > 0:
+            faint = max(faint, -10 * portable.log10(variance) - least)
+    return round(faint, 1)
 
 
 # In the markup `auto`, files of limits above this are editable, because names and layers are little

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.measure import SCORES, Scores, decibels
+from gauss2svg.measure import NO_SCORES, SCORES, decibels
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import paint_ms, round_trip, shown_width
 from gauss2svg.options import flag_of
@@ -25,6 +25,7 @@ from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.processes import held_bytes
+from gauss2svg.raster import renderer_version
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import ink_colors, ink_name, inks_in, oklab, printed_colors
@@ -42,7 +43,7 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
     file, svg, raster = outcome.file, outcome.file.svg, outcome.raster
     chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
     fitted, options, count = outcome.fitted, plan.options, len(file.scene)
-    scored = round_trip(svg, file.scene, subject.photo, options.run.renderer, raster).scores
+    scored = round_trip(svg, file.scene, subject.photo, raster)
     scores, shown = _scores(plan, outcome, run), shown_width(document, file.scene)
     psnr_photo = psnr(raster, pixels_of(photo)) if plan.sketch else scored["psnr_svg"]
     scored |= {**_by_focus(outcome), "psnr_photo": psnr_photo}
@@ -88,9 +89,10 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
         "area_find_s": 0.0 if found is None else found.find_s,
         "area_refine_s": 0.0 if found is None else found.refine_s,
         "pixel_pairs": fitted.pixel_pairs,
+        "renderer": renderer_version(options.run.renderer),
         # The PSNR of equal images is infinite. It becomes None, because JSON has no infinity.
         **{name: None if value == math.inf else value for name, value in scored.items()},
-        **scores.report,
+        **scores,
         "bytes_by_part": bytes_by_part(svg),
         "paint_ms": paint_ms(file.scene, svg, shown),
         "paint_width": shown,
@@ -105,11 +107,11 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
     }
 
 
-def _scores(plan: Plan, outcome: Outcome, run: Run) -> Scores:
+def _scores(plan: Plan, outcome: Outcome, run: Run) -> dict[str, Any]:
     """Measure the scores that the options ask for."""
     aim = plan.aim
     if not plan.options.run.scores and (aim is None or aim.of.always):
-        return Scores()
+        return NO_SCORES
     # This is imported here, because only few runs ask for scores.
     from gauss2svg.measure.perceptual import perceptual_scores
 

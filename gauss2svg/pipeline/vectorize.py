@@ -316,11 +316,11 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
         load = load_of(plan, Header(width, height, has_alpha, run.reduced_bytes))
         return size_that_fits(load, run.most_bytes, asked)
 
-    def needed(width: int, height: int) -> Size:
+    def size_needed(width: int, height: int) -> Size:
         load = sizes(width, height)[0]
         return (width, height) if _is_whole(run, load) else load.measured
 
-    photo = run.read(image, needed, _matte(plan))
+    photo = run.read(image, size_needed, _matte(plan))
     if photo.alpha is not None and plan.options.written_blend == ADD:
         advice = "--matte white, or --portable"
         raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)

@@ -30,11 +30,11 @@ from pathlib import Path, PurePath
 from typing import Any
 from urllib.parse import quote
 
-from gauss2svg.compare.records import json_safe, record_or_error
+from gauss2svg.compare.records import json_safe
 from gauss2svg.compare.run import outlines_with_nodes
-from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.errors import Gauss2SvgError, error_line
 from gauss2svg.files import as_json, as_png, replace, saved
-from gauss2svg.measure.heatmap import error_map
+from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline.options import Options, Progress
 from gauss2svg.pipeline.placeholder import Placeholder
@@ -42,7 +42,7 @@ from gauss2svg.pipeline.plan import MINIMAL_UP_TO, USUAL_BYTES, Plan
 from gauss2svg.pipeline.progress_display import FrameMaker
 from gauss2svg.pipeline.run import memory_limit
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
-from gauss2svg.pool import Pool
+from gauss2svg.pool import Pool, WorkerDiedError
 from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
@@ -54,10 +54,10 @@ MOST_KEPT = 200  # largest number of finished jobs that are kept. The oldest are
 class Job:
     """A photo to vectorise, and its results.
 
-    folder  folder of the photo, and of the files that the job's process writes
-    lines   command line and Python call that make the same SVG
-    call    future of the job, which the pool returns when the job is submitted. Until then, this is
-            another future, which stays pending.
+    folder   folder of the photo, and of the files that the job's process writes
+    command  command line that makes the same SVG
+    call     future of the job, which the pool returns when the job is submitted. Until then, this
+             is another future, which stays pending.
     """
 
     folder: Path
@@ -65,13 +65,13 @@ class Job:
     options: dict[str, Any]
     width: int
     height: int
-    lines: dict[str, str]
+    command: str
     id: str = field(default_factory=lambda: secrets.token_hex(8))
-    call: Future[dict[str, str]] = field(default_factory=Future)
+    call: Future[None] = field(default_factory=Future)
 
     def described(self) -> dict[str, Any]:
         """Return the state of the job, its progress, and its report once there is an SVG."""
-        names = ("id", "state", "report", "error", "name", "width", "height", "options", "lines")
+        names = ("id", "state", "report", "error", "name", "width", "height", "options", "command")
         progress = {"progress": self._read("progress.json")}  # None if there is none yet
         return progress | {name: getattr(self, name) for name in names}
 
@@ -105,12 +105,20 @@ class Job:
 
     @property
     def error(self) -> str:
-        """The reason why the job failed or why some of its files are missing, or ""."""
+        """The reason why the job failed or why some of its files are missing, or "".
+
+        It is one line, which does not show where the job's folder is.
+        """
         if self.call.cancelled() or not self.call.done():
             return ""
-        if (error := self.call.exception()) is not None:
-            return f"its worker process was lost: {error}"
-        return self.call.result().get("error", "")
+        match self.call.exception():
+            case WorkerDiedError() as error:
+                return f"its worker process was lost: {error}"
+            case Exception() as error:
+                line = error_line(error, "smaller photos or fewer Gaussians")
+                line = line.replace(str(self.folder / "photo"), self.name)
+                return line.replace(f"{self.folder}{os.sep}", "")
+        return ""
 
 
 async def wait_until(condition: Callable[[], object]) -> None:
@@ -142,15 +150,6 @@ class Jobs:
         self._task.add_done_callback(pool.__exit__)
         return pool
 
-    def start(self) -> None:
-        """Start the workers, and let each of them load what it needs."""
-        for _ in range(self.workers):
-            self._pool.submit(load)
-
-    def new_folder(self) -> Path:
-        """Make a folder for the files of a job, with a random name."""
-        return Path(tempfile.mkdtemp(dir=self.folder))
-
     def submit(self, job: Job) -> None:
         """Queue a job, whose photo must already be in its folder. Forget the oldest results."""
         finished = [old for old in self.by_id.values() if old.call.done()]
@@ -170,35 +169,18 @@ class Jobs:
         job.call.add_done_callback(lambda _: shutil.rmtree(job.folder, ignore_errors=True))
 
 
-def load() -> None:
-    """Do nothing. The process that is asked to has then loaded this module, and so can fit."""
-
-
-def fit(
-    folder: Path, name: str, given: dict[str, Any], workers: int, threads: int
-) -> dict[str, str]:
+def fit(folder: Path, name: str, given: dict[str, Any], workers: int, threads: int) -> None:
     """Fit a photo, and write the files of the job.
-
-    Return {}, or {"error": line} if this fails. The line does not show where the job's folder is.
 
     name     file name of the photo, as the user knows it
     given    options by name
     workers  number of fits that share the memory
     """
-
-    def write_files() -> dict[str, str]:
-        options = Options.from_flat(given)
-        share = memory_limit(None) // workers
-        result = _result(folder, options.changed(max_memory=share, threads=threads))
-        for file, data in _files(result, name, options):
-            _write(folder / file, data)
-        return {}
-
-    answer = record_or_error(write_files)
-    if "error" in answer:
-        line = answer["error"].replace(str(folder / "photo"), name)
-        answer["error"] = line.replace(f"{folder}{os.sep}", "")
-    return answer
+    options = Options.from_flat(given)
+    share = memory_limit(None) // workers
+    result = _result(folder, options.changed(max_memory=share, threads=threads))
+    for file, data in _files(result, name, options):
+        _write(folder / file, data)
 
 
 def _write(path: Path, data: bytes) -> None:
@@ -251,8 +233,7 @@ def _files(result: Result, name: str, options: Options) -> Iterator[tuple[str, b
     yield "picture.svg", svg.encode()
     yield "report.json", as_json(report)
     yield "photo.png", as_png(result.photo)
-    errors = error_map(over(result.raster), over(result.photo))
-    yield "errors.png", saved(lambda stream: errors.save(stream, "PNG"))
+    yield "errors.png", heatmap(over(result.raster), over(result.photo))
     # For an additive picture, which has no outlines, this raises an error, and no file is written.
     with suppress(Gauss2SvgError):
         yield "outlines.svg", outlines_with_nodes(result)

@@ -1,4 +1,4 @@
-"""Read options from a request, and write them as page data, a command line or a Python call."""
+"""Read options from a request, and write them as page data or a command line."""
 
 from __future__ import annotations
 
@@ -87,42 +87,28 @@ def _described(field: Field, text: str) -> dict[str, Any]:
     }
 
 
-def lines_of(name: str, options: Options, has_focus: bool = False) -> dict[str, str]:
-    """Return {"command": a command line, "python": a Python call} for a photo and its options.
-
-    Both make the same SVG as the studio.
+def command_of(name: str, options: Options, has_focus: bool = False) -> str:
+    """Return the command line that makes the same SVG of a photo as the studio.
 
     name       file name of the photo
-    options    all options. Those that have their default value are left out of the lines.
+    options    all options. Those that have their default value are left out of the line.
     has_focus  whether there is a mask, which is saved as NAME-focus.png
     """
-    defaults = Options().flat()
-    changed = {name: value for name, value in options.flat().items() if value != defaults[name]}
-    output = f"{PurePath(name).stem}.{'svgz' if options.svg.gzip else 'svg'}"
-    words = ["gauss2svg", _as_file_name(name), "-o", _as_file_name(output)]
-    arguments, names = [repr(name)], ["vectorize"]
+    stem, ending = PurePath(name).stem, "svgz" if options.svg.gzip else "svg"
+    words = ["gauss2svg", _as_file_name(name), "-o", _as_file_name(f"{stem}.{ending}")]
     if has_focus:
-        mask = f"{PurePath(name).stem}-{MASK}"
-        words += ["--focus", _as_file_name(mask)]
-        arguments.append(f"focus={mask!r}")
-    for key, group in GROUPS.items():
-        in_group = {f.name: changed[f.name] for f in fields_of(group) if f.name in changed}
-        for option, value in in_group.items():
-            if isinstance(value, bool):
-                words.append(flag_of(option if value else f"no_{option}"))
-            elif str(value).startswith("-"):
-                words.append(f"{flag_of(option)}={value}")
-            else:
-                words += [flag_of(option), str(value)]
-        values = [f"{option}={value!r}" for option, value in in_group.items()]
-        if key == "goal":
-            arguments += values
-        elif values:
-            names.append(group.__name__)
-            arguments.append(f"{key}={group.__name__}({', '.join(values)})")
-    imports, call = ", ".join(sorted(names)), ", ".join(arguments)
-    python = f"from gauss2svg import {imports}\n\nvectorize({call}).save({output!r})"
-    return {"command": command_line(words), "python": python}
+        words += ["--focus", _as_file_name(f"{stem}-{MASK}")]
+    defaults = Options().flat()
+    for option, value in options.flat().items():
+        if value == defaults[option]:
+            continue
+        if isinstance(value, bool):
+            words.append(flag_of(option if value else f"no_{option}"))
+        elif str(value).startswith("-"):
+            words.append(f"{flag_of(option)}={value}")
+        else:
+            words += [flag_of(option), str(value)]
+    return command_line(words)
 
 
 def _as_file_name(name: str) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import io
 import os
 import re
 import shutil
+import tempfile
 import zipfile
 from collections.abc import AsyncIterator
 from mimetypes import guess_type
@@ -33,7 +33,7 @@ from gauss2svg.photo.load import opened
 from gauss2svg.raster.isolated import draw
 from gauss2svg.scene import Scene
 from gauss2svg.studio.jobs import MASK, Job, wait_until
-from gauss2svg.studio.options import MOST_DRAWN, USES, form, lines_of, options_of
+from gauss2svg.studio.options import MOST_DRAWN, USES, command_of, form, options_of
 from gauss2svg.svg import Document, Markup, Plotter
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
@@ -159,7 +159,7 @@ async def _submitted(
 ) -> Job:
     """Queue the job that a form describes, and return the job."""
     chosen = options_of(options := options or {}, focus is not None)
-    folder: Path = studio.jobs.new_folder()
+    folder = Path(tempfile.mkdtemp(dir=studio.jobs.folder))
     try:
         if photo is not None:
             name, source = display_name(photo.filename), photo.file
@@ -176,7 +176,7 @@ async def _submitted(
                 with upload, (folder / kept).open("wb") as copy:
                     await asyncio.to_thread(shutil.copyfileobj, upload, copy)
         size = await asyncio.to_thread(size_of, folder / "photo", name)
-        job = Job(folder, name, options, *size, lines=lines_of(name, chosen, focus is not None))
+        job = Job(folder, name, options, *size, command=command_of(name, chosen, focus is not None))
         studio.jobs.submit(job)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -251,9 +251,10 @@ async def stop(job: KnownJob) -> dict[str, Any]:
 
 
 @router.delete("/api/jobs/{name}", status_code=204, response_class=Response)
-async def forget(job: KnownJob, studio: Studio) -> None:
-    """Cancel a job and forget it."""
-    studio.jobs.forget(job)
+async def forget(name: str, studio: Studio) -> None:
+    """Cancel a job and forget it, unless the end of its events has already done so."""
+    if job := studio.jobs.by_id.get(name):
+        studio.jobs.forget(job)
 
 
 @router.get("/api/jobs/{name}/picture.svg", response_class=Response)
@@ -311,14 +312,6 @@ async def plot(job: FinishedJob) -> Response:
     return Response(svg, media_type="image/svg+xml", headers=_attachment(job, "-plot.svg"))
 
 
-@router.get("/api/jobs/{name}/data-uri.txt", response_class=Response)
-async def data_uri(job: FinishedJob, markup: Markup | None = None) -> Response:
-    """Return the SVG as a data URI."""
-    svg = await _svg(job, markup)
-    text = f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
-    return Response(text, media_type="text/plain")
-
-
 @router.get("/api/jobs/{name}/files")
 async def files(job: FinishedJob) -> list[str]:
     """Return the names of the files of a job. Wait until its process has written all of them."""
@@ -343,19 +336,17 @@ async def file(
 
 
 @router.get("/api/zip", response_class=Response)
-async def archive(
-    ids: str, studio: Studio, markup: Markup | None = None, gzip: bool = False
-) -> Response:
+async def archive(ids: str, studio: Studio) -> Response:
     """Return a ZIP with the SVGs of several jobs. Their ids are separated by commas."""
     stream, taken = io.BytesIO(), set[str]()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
         for number, name in enumerate(dict.fromkeys(ids.split(",")), start=1):
             job = await _finished(_job_named(name, studio))
-            is_gzipped, stem = gzip or _is_zipped(job), PurePath(job.name).stem
+            is_gzipped, stem = _is_zipped(job), PurePath(job.name).stem
             if stem.casefold() in taken:
                 stem += f"-{number}"
             taken.add(stem.casefold())
-            data = await asyncio.to_thread(file_bytes, await _svg(job, markup), is_gzipped)
+            data = await asyncio.to_thread(file_bytes, await _svg(job, None), is_gzipped)
             zipped.writestr(f"{stem}.svgz" if is_gzipped else f"{stem}.svg", data)
     headers = {"Content-Disposition": 'attachment; filename="gauss2svg.zip"'}
     return Response(stream.getvalue(), media_type="application/zip", headers=headers)

@@ -7,14 +7,13 @@ decides itself who may use it.
 
 from __future__ import annotations
 
-import contextlib
 import mimetypes
 import re
 import secrets
 import signal
 import socket
 import webbrowser
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 
@@ -57,18 +56,10 @@ def create_app(
     is_local  True if only this machine can reach the application. The page then says so.
     Raise InputError if the folder has no photos.
     """
-    queue = Jobs(*workers_and_threads(jobs, threads))
-
-    @contextlib.asynccontextmanager
-    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        queue.start()
-        yield
-
     app = FastAPI(
         title="gauss2svg studio",
         version=__version__,
         description="Photos in, SVGs of Gaussians out. Errors are {'error': one line}.",
-        lifespan=lifespan,
         openapi_url="/api/openapi.json",
         exception_handlers=dict.fromkeys(
             (HTTPException, RequestValidationError, Gauss2SvgError, OSError, Exception),
@@ -78,7 +69,7 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
-    app.state.jobs = queue
+    app.state.jobs = Jobs(*workers_and_threads(jobs, threads))
     app.state.samples = samples_in(folder)
     app.state.is_local = is_local
     app.include_router(router)

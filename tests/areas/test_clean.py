@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from test_find import DRAWINGS, color_of, drawn, points_of
 from test_texture import jpeg, pixels_of
 
-from gauss2svg.areas.clean import coded, decoded, enlargement_of, noise_of, quality_of
+from gauss2svg.areas.clean import noise_of
 
 
 def image_of(picture):
@@ -57,27 +57,6 @@ def test_an_enlarged_drawing_has_the_areas_of_its_source():
     found = vectorize(enlarged(drawn(areas), 2), max_bytes=10000).scene
     assert len(found.areas) == len(areas)
     assert off(areas, found.scaled(0.5, 0.5).areas).max() < 0.4
-
-
-@pytest.mark.parametrize("name", DRAWINGS)
-def test_clean_drawings_have_no_noise_and_are_not_enlarged(name):
-    picture = drawn(DRAWINGS[name])
-    assert (noise_of(picture), enlargement_of(picture)) == (0, 1)
-
-
-PICTURE = drawn(DRAWINGS["discs in discs"])
-
-
-@pytest.mark.parametrize(("quality", "subsampling"), [(60, "4:2:0"), (85, "4:4:4"), (95, "4:2:0")])
-def test_the_quality_of_a_jpeg_is_found(quality, subsampling):
-    assert quality_of(as_jpeg(PICTURE, quality, subsampling)) == pytest.approx(quality, abs=2)
-
-
-@pytest.mark.parametrize("subsampling", ["4:2:0", "4:4:4"])
-def test_the_source_explains_all_that_jpeg_changed(subsampling):
-    picture = as_jpeg(PICTURE, 75, subsampling)
-    assert np.array_equal(coded(PICTURE, 75, picture), picture)
-    assert np.abs(decoded(picture, PICTURE, 75) - PICTURE).max() < 1 / 255
 
 
 def test_lines_on_a_shaded_ground_as_a_jpeg_are_no_photo():

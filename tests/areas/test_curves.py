@@ -37,14 +37,3 @@ def test_a_cubic_is_nearly_as_close_as_the_best_of_scipy(seed):
     assert is_curve
     best = least_squares(distances, p[1:3].ravel(), diff_step=1e-3)
     assert rms(distances(segment[1:3])) < rms(best.fun) + 0.04  # px, after few rounds
-
-
-def test_pieces_of_one_curve_become_one_and_corners_stay():
-    segment, curved = merged(cubic(ARC, 61), range(0, 61, 6), 0.01)
-    assert curved.tolist() == [True]
-    assert KDTree(cubic(ARC, 2000)).query(cubic(segment[0], 99))[0].max() < 0.1
-    ends = np.linspace(0, 20, 41)
-    bent = np.stack([np.minimum(ends, 10), np.maximum(ends - 10, 0)], axis=1)
-    segment, curved = merged(bent, range(0, 41, 4), 0.01)
-    assert curved.tolist() == [False, False]
-    assert segment[:, [0, 3]].tolist() == [[[0, 0], [10, 0]], [[10, 0], [10, 10]]]

@@ -62,18 +62,6 @@ def test_cells_show_the_page_by_their_alpha():
     assert np.abs(np.where(seen, drawn[..., :3] - picture[..., :3], 0)).max() < 0.001
 
 
-def test_outlines_follow_the_pixels_in_as_few_nodes_as_possible():
-    frame = np.ones((6, 6, 3), np.float32)
-    frame[1:5, 1:5], frame[2:4, 2:4] = 0, 1
-    (area,) = scene_of(frame).areas
-    assert area.nodes == 8
-    # Cells that touch at corners share an outline: 12 corners in place of 3 times 4.
-    stairs = np.ones((6, 6, 3), np.float32)
-    stairs[[1, 2, 3], [1, 2, 3]] = 0
-    (area,) = scene_of(stairs).areas
-    assert (len(area.outlines), area.nodes) == (1, 12)
-
-
 def test_drawings_and_photos_are_no_pixel_art():
     for file in sorted(PICTURES.glob("*.svg"))[::2]:
         for side in (32, 64):

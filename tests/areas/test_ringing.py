@@ -5,14 +5,14 @@ import pytest
 from flat import vectorize
 from outlines import polygon
 from PIL import Image
-from test_clean import as_jpeg, image_of, off
-from test_find import DRAWINGS, RED, SIDE, drawn
+from test_clean import image_of, off
+from test_find import DRAWINGS, RED, SIDE
 
-from gauss2svg.areas.ringing import is_rung, unrung
+from gauss2svg.areas.ringing import is_rung
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene.areas import Area
 
-BICUBIC, LANCZOS = FILTERS = Image.Resampling.BICUBIC, Image.Resampling.LANCZOS
+BICUBIC, LANCZOS = Image.Resampling.BICUBIC, Image.Resampling.LANCZOS
 WHITE = 1.0, 1.0, 1.0
 
 
@@ -27,23 +27,6 @@ def rung(areas, resampling):
     """Return a drawing that was enlarged, and reduced by a filter."""
     small = large(areas).resize((SIDE, SIDE), resampling)
     return np.asarray(small, np.float32) / 255
-
-
-@pytest.mark.parametrize("resampling", FILTERS)
-@pytest.mark.parametrize("name", DRAWINGS)
-def test_the_areas_of_the_source_explain_what_a_filter_changed(name, resampling):
-    picture, areas = rung(DRAWINGS[name], resampling), DRAWINGS[name]
-    clean = unrung(picture, areas, WHITE)
-    assert clean is not None
-    assert np.abs(clean - drawn(areas)).max() < 3 / 255
-    assert unrung(drawn(areas), areas, WHITE) is None
-
-
-@pytest.mark.parametrize("name", DRAWINGS)
-def test_clean_drawings_and_their_jpegs_are_as_no_filter_left_them(name):
-    clean = drawn(DRAWINGS[name])
-    assert not is_rung(clean)
-    assert unrung(as_jpeg(clean, 90), DRAWINGS[name], WHITE, lambda one: as_jpeg(one, 90)) is None
 
 
 @pytest.mark.parametrize(("name", "resampling"), [("a ring", LANCZOS), ("discs in discs", BICUBIC)])

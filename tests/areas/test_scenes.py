@@ -1,6 +1,5 @@
 """Properties of areas that are fitted to what a renderer draws."""
 
-import numpy as np
 import pytest
 from test_find import scene_of
 
@@ -44,10 +43,3 @@ def test_areas_of_a_picture_that_the_renderer_made_draw_it_closer(picture):
     assert after < 0.6 * before
     widths = sorted(area.width for area in areas if area.is_line)
     assert widths == pytest.approx([0.8, 1, 2.4], abs=0.06)
-
-
-def test_areas_of_a_picture_of_exact_coverage_stay_as_they_are():
-    large = rasterize(OPAQUE, 8 * SIDE, 8 * SIDE)
-    picture = large.reshape(SIDE, 8, SIDE, 8, 3).mean(axis=(1, 3))
-    found, areas, _ = fitted(np.round(picture * 255).astype(np.float32) / 255)
-    assert areas is found

@@ -117,9 +117,3 @@ def test_a_photo_in_a_drawing_is_one_area_of_its_outline():
     flag, areas = (find_areas(picture).areas for picture in page_with(texture()))
     assert len(areas) == len(flag) + 1
     assert min(np.abs(boxed(area) - (60, 30, 220, 150)).max() for area in areas) < 0.1
-
-
-def test_noise_has_no_areas():
-    for deviation in (3, 20):
-        noise = np.random.default_rng(1).normal(0.5, deviation / 255, (200, 240, 3))
-        assert not find_areas(noise.clip(0, 1).astype(np.float32)).areas

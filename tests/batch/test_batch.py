@@ -13,7 +13,7 @@ from gauss2svg.batch import many
 from gauss2svg.batch.inputs import write
 from gauss2svg.batch.many import MARKS, STATE, TABLE, PhotoRecord, Summary, vectorize_many
 from gauss2svg.cli.main import main
-from gauss2svg.errors import ClusterError, OutputError
+from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pool import WorkerDiedError
 from gauss2svg.svg.file import file_bytes
 
@@ -85,8 +85,7 @@ def test_what_is_done_needs_no_worker_and_stays_as_it_is(
     out = tmp_path / "out"
     files = {path: path.read_bytes() for path in out.rglob("*.*") if "table" not in path.name}
     monkeypatch.setattr(many, "Pool", None)
-    nobody = "tcp://127.0.0.1:9"
-    command = ["batch", str(photos), "-o", str(out), "--scheduler", nobody, "--log", "json"]
+    command = ["batch", str(photos), "-o", str(out), "--log", "json"]
     assert main([*command, *TINY_COMMAND]) == 0
     printed = capsys.readouterr()
     logged = [json.loads(line) for line in printed.out.splitlines()]
@@ -173,7 +172,7 @@ def test_a_fault_a_lost_worker_or_a_name_that_is_taken_costs_its_photo_alone(
 
 def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, monkeypatch):
     monkeypatch.setattr(many, "__version__", "0")
-    with pytest.raises(ClusterError, match=r"workers must have gauss2svg .*; got 0"):
+    with pytest.raises(InputError, match=r"workers must have gauss2svg .*; got 0"):
         run(photos)
     assert outputs(tmp_path / "out") == {}
 
@@ -198,21 +197,20 @@ def test_every_name_that_the_system_allows_is_read_and_written(run, tmp_path):
     assert sorted(outputs(tmp_path / "out")) == made
 
 
-def test_the_summary_has_the_time_left_at_the_speed_so_far_and_counts_sketches(monkeypatch):
+def test_the_summary_has_the_time_left_at_the_speed_so_far(monkeypatch):
     now = iter((0.0, 10.0, 10.0, 10.0))
     monkeypatch.setattr("gauss2svg.batch.many.time", SimpleNamespace(monotonic=now.__next__))
     summary = Summary(13, "2 files passed over: .pdf, none")
-    for given in ({"sketch": "#ffffff,#000000"}, {"error": "x"}, {"skipped": True}):
+    for given in ({}, {"error": "x"}, {"skipped": True}):
         summary.add(PhotoRecord("a.png", "a.svg", **given))
     assert summary.progress_text() == "5 s a photo, 1 failed, 0:00:50 left"
-    counts, sketches, passed_over, failure = summary.lines()
+    counts, passed_over, failure = summary.lines()
     assert counts == "1 done, 1 skipped, 1 failed in 10.0 s"
-    assert sketches.startswith("1 drawn as sketches")
     assert passed_over == "2 files passed over: .pdf, none"
     assert failure == "failed: a.png: x"
     for _ in range(5):
         summary.add(PhotoRecord("a.png", "a.svg", error="x"))
-    assert [*summary.lines()][3:] == 5 * [failure] + ["and 1 more"]
+    assert [*summary.lines()][2:] == 5 * [failure] + ["and 1 more"]
 
 
 def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp_path):

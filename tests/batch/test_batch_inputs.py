@@ -1,6 +1,5 @@
 """What a batch reads and how outputs are named; what it refuses, in one line, before it runs."""
 
-import gc
 import io
 import os
 import sys
@@ -107,18 +106,6 @@ def test_what_cannot_work_is_refused_in_one_line(words, line, tmp_path, monkeypa
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.process
-def test_a_scheduler_that_does_not_answer_is_a_line(tmp_path, monkeypatch, refusal):
-    pytest.importorskip("distributed")
-    import dask
-
-    save_photos(tmp_path / "in", ["a.png"])
-    words = ["batch", tmp_path / "in", "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9"]
-    with dask.config.set({"distributed.comm.timeouts.connect": "50ms"}):
-        assert "must be the address of a Dask scheduler whose workers" in refusal(*words)
-    gc.collect()  # no client of a scheduler is heard of again
-
-
 def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_photos(tmp_path / "in", ["a.png"])
@@ -135,10 +122,9 @@ def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch):
 def test_extra_that_is_missing_is_named_in_a_line(tmp_path, monkeypatch, refusal, pool_here):
     monkeypatch.chdir(tmp_path)
     save_photos(tmp_path / "in", ["a.png"])
-    for name in ("distributed", "fsspec.core", "fastapi", "shapely"):
+    for name in ("fsspec.core", "fastapi", "shapely"):
         monkeypatch.setitem(sys.modules, name, None)
     for words, extra in (
-        ("batch in -o out --scheduler tcp://a:1", "cluster"),
         ("batch in -o s3://bucket/out", "s3"),
         ("studio", "studio"),
         ("in/a.png -o out.svg --inks 2 --separations p.svg --cut", "cut"),

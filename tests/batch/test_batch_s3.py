@@ -3,7 +3,6 @@
 import pytest
 from batches import PoolHere, outputs, save_photo, tiny
 
-from gauss2svg.batch import BatchOptions
 from gauss2svg.batch.many import TABLE, vectorize_many
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pipeline.vectorize import vectorize_by
@@ -13,7 +12,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
-NAMES, ONE = ["a.png", "b/a.png", "b/c d.png"], BatchOptions(workers=1)
+NAMES = ["a.png", "b/a.png", "b/c d.png"]
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +53,7 @@ def test_photos_of_a_store_become_svgs_of_it_and_are_skipped_then(store, tmp_pat
         fs.pipe_file(f"{root}/in/{name}", save_photo(tmp_path / "in" / name, seed).read_bytes())
 
     def run() -> dict:
-        found = vectorize_many([f"{root}/in"], f"{root}/out", tiny(), batch=ONE)
+        found = vectorize_many([f"{root}/in"], f"{root}/out", tiny(), workers=1)
         return {one.output: "skipped" if one.skipped else one.error for one in found}
 
     expected = {name.replace(".png", ".svg"): None for name in NAMES}

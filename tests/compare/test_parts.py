@@ -17,7 +17,7 @@ from gauss2svg.batch.inputs import listed_photos, slug_of
 from gauss2svg.compare import chart
 from gauss2svg.compare.grid import add_row, rows_in
 from gauss2svg.compare.run import crops_of
-from gauss2svg.compare.variants import parse_axes, settings_of, variants_of
+from gauss2svg.compare.variants import parse_axes, settings_of
 from gauss2svg.errors import InputError
 from gauss2svg.measure import PSNR, SSIM
 
@@ -167,11 +167,3 @@ def test_an_axis_without_values_has_those_that_need_no_other_program():
     assert parse_axes(["form", "renderer"]) == {
         "form": ("gradient",), "renderer": ("resvg", "cairo"),
     }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"axes": {"gaussians": 500}}, {"counts": 5}, {"peers": 5}, {"presets": "draft"}]
-)
-def test_lists_of_variants_must_be_lists(wrong):
-    with pytest.raises(InputError, match="must be a sequence"):
-        variants_of(**wrong)

@@ -13,7 +13,7 @@ from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import pages, run, table
-from gauss2svg.compare.records import record_or_error
+from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
 from gauss2svg.svg.file import SVG, parse
@@ -80,24 +80,10 @@ def test_files_of_another_method_are_measured_and_again_if_they_change(
     assert changed == {("b.png", "svgs")}
 
 
-def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal):
-    (tmp_path / "each.csv").write_text("photo,psnr_svg,svgz_bytes\na,30,900\nphotos/b.png,20,100\n")
-    (tmp_path / "means.csv").write_text("psnr_svg\n25\n")
-    axis = ["--axis", "iterations=1", "--axis", "gaussians=1"]
-    for text, message in (
-        ("photo,psnr\na.png,30\n", "with columns of a report between commas; got photo, psnr. Try"),
-        ("photo;psnr_svg\na;31,5\n", "columns of a report between commas; got photo;psnr_svg."),
-        ('psnr_svg\n1\n"31,5"\n', "psnr_svg in bad.csv must be a number with a point, or empty"),
-    ):
-        (tmp_path / "bad.csv").write_text(text)
-        assert message in refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=bad.csv")
-    rows = reported("bench", *two_photos, "--peers", "each=each.csv,means=means.csv", *axis)
-    assert [rows["a.png", "each"][name] for name in ("psnr_svg", "svgz_bytes")] == [30, 900]
-    assert rows["b.png", "each"]["psnr_svg"] == 20
-    summary = json.loads((tmp_path / "bench" / "bench.json").read_text())["summary"]
-    means = {row["label"]: row["psnr_svg"] for row in summary}
-    assert (means["each"], means["means"]) == (25, 25)
-    assert rows["a.png", "means"]["svg_bytes"] is None
+def test_a_cost_that_is_no_number_is_refused(two_photos, tmp_path, refusal):
+    (tmp_path / "table.csv").write_text('photo,total_s\na,"31,5"\n')
+    message = "total_s in . must be a number with a point, or empty; got '31,5'"
+    assert message in refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=.")
 
 
 @pytest.mark.usefixtures("hasty")
@@ -119,7 +105,9 @@ def test_a_batch_is_shown_and_measured_without_another_fit(two_photos, tmp_path,
 def test_a_photo_without_a_file_and_a_tool_that_takes_too_long_are_errors(two_photos):
     request = {"tool": "jpeg", "settings": {"quality": 30}, "source": two_photos[0]}
     request |= {"options": {"max_pixels": 10**6}, "peer_timeout": 1e-3}
-    slow = record_or_error(run.measure_run, request)
-    assert slow["error"].startswith("timed out after 0.001 s. Try a longer --peer-timeout")
-    lost = record_or_error(run.measure_run, request | {"file": None, "numbers": {}})
-    assert lost["error"] == "jpeg must have a file or a row for each photo; got none for this one"
+    with pytest.raises(
+        Gauss2SvgError, match=r"timed out after 0\.001 s. Try a longer --peer-timeout"
+    ):
+        run.measure_run(request)
+    with pytest.raises(Gauss2SvgError, match="jpeg must have a file for each photo; got none"):
+        run.measure_run(request | {"file": None, "numbers": {}})

@@ -5,11 +5,8 @@ import shutil
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from levels import LEVELS, PACKAGE, printed
-
-from gauss2svg.fit.placement import components_of
 
 # Prints a digest of pictures, gradients, costs, steps and areas. Scenes have all forms of shapes,
 # some of them far off the canvas and thin.
@@ -67,27 +64,6 @@ print(digest.hexdigest())
 @pytest.mark.skipif(len(LEVELS) < 2, reason="the CPU has one level")
 def test_all_levels_give_the_same_bits():
     assert len({printed(DRAWING, 60, GAUSS2SVG_CPU=level) for level in LEVELS}) == 1
-
-
-@pytest.mark.process
-def test_another_word_than_a_level_is_refused_in_one_line(tmp_path):
-    photo = str(PACKAGE.parent / "examples" / "coffee.jpg")
-    command = [sys.executable, "-P", "-m", "gauss2svg", photo, "-o", str(tmp_path / "out.svg")]
-    env = {**os.environ, "PYTHONPATH": str(PACKAGE.parent), "GAUSS2SVG_CPU": "fast"}
-    done = subprocess.run(command, env=env, capture_output=True, text=True)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert "GAUSS2SVG_CPU must be one of" in line
-    assert line.endswith("got 'fast'")
-    assert not os.listdir(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "levels", [np.zeros((4, 4)), np.zeros((4, 8), np.int32)[:, ::2], np.zeros((4, 4), np.int64)]
-)
-def test_arrays_that_c_would_read_wrongly_are_refused(levels):
-    with pytest.raises(TypeError, match="number_components needs a C-contiguous array of int"):
-        components_of(levels)
 
 
 @pytest.mark.sweep

@@ -188,15 +188,6 @@ def first_column(part: str) -> set[str]:
     return {word for cell in cells for word in re.findall(r"`(\w+)`", cell)}
 
 
-def test_imports_follow_the_layers():
-    # the contract is in pyproject.toml; it also forbids every cycle between the layers
-    run = subprocess.run(
-        [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()"],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stdout + run.stderr
-
-
 def test_every_shell_takes_the_lines_for_a_shell():
     """cmd of Windows knows no single quotes, no comments and no backslash at the end of a line."""
     for page in PAGES:

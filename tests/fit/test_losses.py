@@ -6,7 +6,7 @@ from flat import choices, fit_config
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit.session import fit
-from gauss2svg.fit.target import Target, image_gradient
+from gauss2svg.fit.target import image_gradient
 
 
 def planes(height: int, width: int, dtype: type = np.float64, channels: int = 3):
@@ -63,17 +63,3 @@ def test_an_error_of_a_loss_of_tensors_says_how_it_becomes_one_of_arrays():
     with pytest.raises(AttributeError) as caught:
         fit(np.zeros((6, 9, 3)), fit_config(3, 5, loss=lambda render, target: render.requires_grad))
     assert "Try torch_loss(function)" in caught.value.__notes__[0]
-
-
-def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
-    noise = np.random.default_rng(0).normal(0, 1, (1, 60, 360))
-    contrast = np.repeat([0.0, 0.02, 0.06, 0.12, 0.5, 1.0], 60)
-    planar = np.repeat(0.5 + noise * contrast, 3, axis=0).astype(np.float32)
-    weight = Target(np.moveaxis(planar, 0, -1), "perceptual").weight
-    assert weight is not None
-    assert weight.mean() == pytest.approx(1, rel=0.02)
-    means = np.array([weight[10:-10, x + 15 : x + 45].mean() for x in range(0, 360, 60)])
-    assert (np.diff(means[:5]) < 0).all()
-    # far above the threshold it is inversely proportional to the contrast
-    assert means[2] / means[3] == pytest.approx(2, rel=0.2)
-    assert means[5] == pytest.approx(means[4], rel=0.01)

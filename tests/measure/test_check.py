@@ -49,7 +49,7 @@ def test_our_own_file_has_the_numbers_of_its_report(fitted):
         assert report[key] == pytest.approx(result.report[key], abs=1e-6), key
     for key in ("hue_error_svg", "hue_error_at", "hue_error_999_svg"):
         assert report[key] == result.report[key], key
-    assert report["flip_svg"] == result.report["flip_svg"] == checked.scores.flip > 0
+    assert report["flip_svg"] == result.report["flip_svg"] == checked.flip > 0
     small = "SSIMULACRA2 is not measured: it needs at least 225 px a side"
     assert report["scores_missing"] == result.report["scores_missing"] == [small]
     np.testing.assert_allclose(checked.raster, result.raster, atol=1e-6)
@@ -60,7 +60,6 @@ def test_our_own_file_has_the_numbers_of_its_report(fitted):
     assert sum(tags.values()) == report["elements"]
     assert report["layers"] == report["groups"] == result.report["rounds"]
     assert report["notes"] == []
-    assert report["ms_ssim_svg"] is None  # under 176 px
     json.dumps(report, allow_nan=False)
 
 
@@ -126,8 +125,7 @@ def test_same_error_has_the_same_colour_in_two_maps():
         drawn[3, 5] += np.array(error) / 255
         drawn[4, 5] += np.sign(error) * 70 / 255
         with Image.open(io.BytesIO(heatmap(drawn, photo))) as picture:
-            maps.append(np.asarray(picture))
-            assert "0 to pale yellow 64" in picture.info["Description"]
+            maps.append(np.asarray(picture.convert("RGB")))
     np.testing.assert_array_equal(*maps)
     np.testing.assert_array_equal(maps[0][3, 5], colors_of(np.array(9.0)))
     np.testing.assert_array_equal(maps[0][4, 5], colors_of(np.array(64.0)))  # and above
@@ -144,14 +142,14 @@ def test_command_writes_what_was_asked_for_and_too_low_a_psnr_is_status_one(
     assert main([*command, str(result.report["psnr_svg"] - 0.01)]) == 0
     out, err = capsys.readouterr()
     assert out == ""
-    for word in ("out.svg", "circle", "gzipped", "PSNR", "MS-SSIM", "resvg", "enlarged"):
+    for word in ("out.svg", "circle", "gzipped", "PSNR", "SSIM", "resvg", "enlarged"):
         assert word in err
     checked = gauss2svg.check(photo, svg, reference=svg, reference_scale=2)
     assert json.loads(report.read_text()) == checked.report
     with Image.open(preview) as drawn:
         np.testing.assert_array_equal(np.asarray(drawn), np.round(result.raster * 255))
     with Image.open(heat) as drawn:
-        assert (drawn.width, drawn.height > 96) == (64, True)
+        assert drawn.size == (64, 96)
     report.unlink()
     assert main([*command, "60", "--quiet"]) == 1
     assert capsys.readouterr().err.count("\n") == 1
@@ -185,20 +183,16 @@ def drawn_at(svg, side):
 def test_reference_is_what_the_svg_is_compared_with_enlarged(drawn_here):
     source, other = DISC.format(3), DISC.format(2.9)
     checked = gauss2svg.check(drawn_at(source, 16), other, reference=source)
-    larger, report = checked.enlarged, checked.report
-    assert (larger.scale, larger.width, larger.height) == (4, 64, 64)
-    assert larger.psnr == pytest.approx(metrics.psnr(drawn_at(other, 64), drawn_at(source, 64)))
-    found = [report[f"{name}_enlarged"] for name in ("psnr_svg", "ssim_svg")]
-    assert found == [larger.psnr, larger.ssim]
-    assert larger.ssim < 1
-    assert report["reference_scale"] == 4
+    expected = metrics.psnr(drawn_at(other, 64), drawn_at(source, 64))
+    assert [checked.report[name] for name in ENLARGED[:2]] == [4, pytest.approx(expected)]
+    assert checked.ssim_enlarged < 1
     exact = gauss2svg.check(drawn_at(source, 16), source, reference=source, reference_scale=2.5)
-    assert (exact.enlarged.psnr, exact.enlarged.width) == (np.inf, 40)
+    assert exact.psnr_enlarged == np.inf
     assert exact.report["psnr_svg_enlarged"] is None
     larger = drawn_at(DISC.format(3.1), 96)  # a picture is shrunk
     by_picture = gauss2svg.check(drawn_at(source, 16), source, reference=larger, reference_scale=3)
     expected = metrics.psnr(drawn_at(source, 48), shrunk(larger, 48, 48))
-    assert by_picture.enlarged.psnr == pytest.approx(expected)
+    assert by_picture.psnr_enlarged == pytest.approx(expected)
     without = gauss2svg.check(drawn_at(source, 16), source).report
     assert by_picture.report | dict.fromkeys(ENLARGED) == without
 
@@ -207,7 +201,7 @@ def test_reference_is_what_the_svg_is_compared_with_enlarged(drawn_here):
 def test_a_clear_reference_is_seen_over_the_matte_of_the_photo(reference, drawn_here):
     black = DISC.format(9).replace("#06c", "#000")
     given = {"matte": "black", "reference": reference, "reference_scale": 2}
-    assert gauss2svg.check(np.zeros((8, 8, 3)), black, **given).enlarged.psnr == np.inf
+    assert gauss2svg.check(np.zeros((8, 8, 3)), black, **given).psnr_enlarged == np.inf
 
 
 @pytest.mark.parametrize(
@@ -234,15 +228,3 @@ def test_a_drawing_gets_no_more_memory_than_its_limit():
         "try: isolated._drawn('<svg/>', 8, 8, 'resvg', False)\nexcept MemoryError: exit(2)"
     )
     assert subprocess.run([sys.executable, "-c", program]).returncode == 2
-
-
-def test_heat_maps_of_equal_names_are_in_folders_like_those_of_their_svgs(tmp_path, capsys):
-    for folder in ("a", "b"):
-        for top in ("photos", "svgs"):
-            (tmp_path / top / folder).mkdir(parents=True)
-        Image.new("RGB", (12, 8), "red").save(tmp_path / "photos" / folder / "x.png")
-        svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 3 2"/>'
-        (tmp_path / "svgs" / folder / "x.svg").write_text(svg)
-    words = [str(tmp_path / name) for name in ("photos", "svgs", "maps")]
-    assert main(["check", *words[:2], "--heatmap", words[2]]) == 0
-    assert {p.parent.name for p in (tmp_path / "maps").rglob("x-heatmap.png")} == {"a", "b"}

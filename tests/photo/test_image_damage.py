@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from pictures import chunk, encoded, png, tiff
+from pictures import encoded, png, tiff
 from PIL import Image
 
 from gauss2svg.errors import InputError
@@ -85,11 +85,6 @@ def test_jpeg_without_its_end_is_refused_and_more_bytes_after_it_are_not_read(na
         photo = load_image(file + more)
         np.testing.assert_array_equal(photo.pixels, whole.pixels)
         assert not photo.notes
-
-
-def test_png_with_text_that_is_no_unicode_is_read():
-    text = chunk(b"tEXt", b"\x93key\x94\0\x94") + chunk(b"iTXt", b"a\0\0\0\0\0\x94")
-    assert not refuses(png(RNG.integers(0, 255, (5, 4, 3)), text))
 
 
 def resampled(whole, height, width):

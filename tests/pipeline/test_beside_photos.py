@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flat import vectorize
-from outlines import box
 from PIL import Image
 from skimage import data
 
@@ -19,7 +18,6 @@ from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize
-from gauss2svg.scene.areas import Area
 
 NAMES = ("astronaut", "coffee")
 PART = 0, 0, 320, 240  # px of the picture
@@ -164,10 +162,3 @@ def test_a_drawing_of_another_program_is_refined_to_the_photo(tmp_path, refusal)
     line = refusal(picture, "-o", out, "--start", start)
     assert '<path d="' in line
     assert "its reference must be to a radialGradient" in line
-
-
-def test_a_start_must_not_need_more_memory_than_there_may_be():
-    page = box(0, 0, 9, 9)
-    many = Scene(9, 9, areas=tuple(Area((page,), (k % 2, 0, 0)) for k in range(5000)))
-    with pytest.raises(InputError, match=r"start must be of areas whose boxes have .* --max-size"):
-        vectorize(np.zeros((150, 150, 3)), start=many, areas="always")

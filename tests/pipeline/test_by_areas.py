@@ -1,6 +1,5 @@
 """Properties of runs with areas: the file has them, the report tells of them, limits are kept."""
 
-import dataclasses
 import itertools
 import re
 
@@ -11,15 +10,12 @@ from pictures import clouds
 from scipy import ndimage
 from skimage import data
 
-from gauss2svg import Options, Scene, read_svg
-from gauss2svg.areas.find import RATE, find_areas
+from gauss2svg import Scene, read_svg
+from gauss2svg.areas.find import find_areas
 from gauss2svg.errors import InputError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over
-from gauss2svg.pipeline.found import Trials, nothing
-from gauss2svg.pipeline.outcome import Exporter, Subject
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.raster import rasterize
 from gauss2svg.scene.areas import Area, AreaCounts, Outline
 from gauss2svg.scene.inks import ink_colors, ink_name
@@ -71,15 +67,6 @@ def test_the_file_has_the_areas_and_nothing_else_and_the_report_counts_them(pict
     assert (report["gaussians"], report["iterations"], report["stop_reason"]) == (0, 0, "gain")
     assert 0.97 < report["area_share"] <= 1
     assert 0 < report["area_find_s"] + report["area_refine_s"] <= report["fit_s"]
-
-
-def test_the_user_unit_is_a_share_of_a_pixel_of_the_fit_or_the_precision(drawing):
-    reduced = vectorize(DRAWING, max_size=64)
-    coarse = vectorize(DRAWING, precision=0.5)
-    assert reduced.report["precision"] == pytest.approx(2 * drawing.report["precision"])
-    assert (reduced.scene.width, reduced.report["fit_width"]) == (SIDE, 64)
-    assert coarse.report["precision"] == 0.5
-    assert coarse.report["svg_bytes"] < drawing.report["svg_bytes"]
 
 
 @pytest.mark.parametrize("gzip", [False, True])
@@ -171,14 +158,9 @@ def test_areas_and_gaussians_are_closer_than_either_alone_at_any_size(glows):
             psnr(rasterize(svg, side, side), glowing(side))
             for svg in (glows.svg, write_svg(areas), never.svg)
         )
-        assert both > max(others) + 2
+        assert both > max(others) + 1
     assert f"{len(glows.scene)} Gaussians" in repr(glows)
     assert 255 * np.abs(glows.raster - GLOWS)[:12, -20:].max() < 3  # the page is plain there
-
-
-@pytest.mark.parametrize("picture", [CLEAR, SHADED], ids=["alpha", "gradient"])
-def test_a_drawing_has_areas_alone_by_default(picture):
-    assert vectorize(picture).report["gaussians"] == 0
 
 
 @pytest.mark.sweep
@@ -390,27 +372,6 @@ def test_a_sprite_of_over_two_megapixels_is_exact():
     result = vectorize(large)
     assert result.photo.shape[0] < 1536
     assert (rasterize(result.svg, 1536, 1536) == large / np.float32(255)).all()
-
-
-@pytest.mark.parametrize("is_soft", [False, True])
-def test_gaussians_are_tried_where_the_error_is_wider_than_edges(is_soft):
-    """Whole runs whose areas miss so many specks are rare, and depend on all other steps."""
-    y, x = np.mgrid[:64, :64] + 0.5
-    picture = np.full((64, 64, 3), 0.5, "f4")
-    spots = [(9 + 11 * k, 9 + 11 * j) for k in range(5) for j in range(5)]
-    for at_x, at_y in [(32, 32)] if is_soft else spots:
-        distance = np.hypot(x - at_x, y - at_y)
-        light = np.exp(-(distance**2) / 200) if is_soft else distance < 0.8
-        picture += (0.4 * light[..., None]).astype("f4")
-    plan = dataclasses.replace(Plan(Options()), has_areas=True, rate=RATE)
-    subject = Subject(picture, picture, (64, 64))
-    trials = Trials(plan, subject, Exporter(plan, subject), lambda: False)
-    page = Area((Outline(((0, 0), (64, 0), (64, 64), (0, 64)), (False,) * 4),), (0.5,) * 3)
-    found = dataclasses.replace(nothing(picture), areas=(page,), background=(0.5,) * 3)
-    trial = trials.trial(found)
-    assert trial.shaded == is_soft
-    assert (len(trial.ground) > 0) == is_soft
-    assert is_soft or trials.wants_gaussians(trial) is False
 
 
 def test_a_glossy_picture_is_drawn_by_shapes_that_are_closer():

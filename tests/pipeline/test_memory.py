@@ -1,11 +1,9 @@
 """Laws of memory: what a run takes is known before the fit, and kept under a limit."""
 
-import io
 import pickle
 import subprocess
 import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from flat import vectorize
@@ -13,7 +11,6 @@ from pictures import encoded
 from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.files import as_png
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -84,8 +81,3 @@ def test_what_cannot_fit_is_refused_by_its_header(kind, monkeypatch):
     monkeypatch.setattr("gauss2svg.pipeline.run.load_image", None)
     with pytest.raises(InputError, match=r"memory must be .* for a photo of 2200x2000 px.*220 MB"):
         vectorize(large if kind == "image" else encoded(large, kind), max_memory="220M", **QUICK)
-
-
-def test_a_stream_that_is_read_once_is_still_read(photo):
-    once = SimpleNamespace(read=io.BytesIO(as_png(photo)).read)
-    assert vectorize(once, **QUICK).report["width"] == 128

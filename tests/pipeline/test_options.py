@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import gauss2svg
-from gauss2svg.batch import BatchOptions
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.options import fields_of
@@ -17,7 +16,7 @@ from gauss2svg.pipeline.options import GROUPS, Goal, Options, SvgOptions
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.svg import SvgFormat
 
-ALL_GROUPS = [*GROUPS.values(), BatchOptions, GalleryOptions, SvgFormat]
+ALL_GROUPS = [*GROUPS.values(), GalleryOptions, SvgFormat]
 ALL_FIELDS = [
     pytest.param(group, field, id=f"{group.__name__}.{field.name}")
     for group in ALL_GROUPS

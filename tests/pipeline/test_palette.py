@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from outlines import box
-from scenes import random_scene, random_sum
+from scenes import random_sum
 
-from gauss2svg.areas.find import FoundAreas
 from gauss2svg.measure.metrics import local_hue_error, psnr
-from gauss2svg.pipeline.found import with_shared_colors
 from gauss2svg.pipeline.palette import LARGEST_CHANGE, quantize
 from gauss2svg.render import render
-from gauss2svg.scene import Area, Scene
+from gauss2svg.scene import Scene
 
 
 @pytest.mark.parametrize("given", [{"color_error": 8e-4}, {"palette": 8}])
@@ -39,26 +36,3 @@ def test_a_palette_of_signed_colours_keeps_signs_and_is_closer_the_larger_it_is(
     np.testing.assert_array_equal(quantize(kept, palette=20).color, kept.color)
     assert psnr(render(kept), render(scene)) > psnr(render(fewer), render(scene)) + 3
     np.testing.assert_array_equal(quantize(scene, palette=200).color, scene.color)
-
-
-@pytest.mark.parametrize("make", [random_scene, random_sum])
-def test_a_palette_has_the_colours_that_weigh_most(make):
-    """Of two equal shapes, the one whose pixels weigh more decides the colour that they share."""
-    scene = make(2, 64, 64, 0).replace(
-        mean=[[16, 32], [48, 32]], sigma=np.full((2, 2), 3.0), rho=[0, 0],
-        color=[[0.2] * 3, [0.8] * 3], opacity=[1, 1], beta=[1, 1],
-    )  # fmt: skip
-    weight = np.repeat([[1.8, 0.2]], 64, axis=0).repeat(32, axis=1)
-    one = quantize(scene, palette=1, weight=weight).color
-    np.testing.assert_allclose(one, 0.9 * 0.2 + 0.1 * 0.8, atol=0.005)
-
-
-@pytest.mark.parametrize("is_noisy", [False, True])
-def test_nearly_equal_colors_become_that_of_the_larger_area(is_noisy):
-    levels = {30: 100.0, 6: 115.0, 28: 108.0, 29: 101.0, 5: 200.0}
-    paints = {side: (level / 255, 0.5, 0.5) for side, level in levels.items()}
-    areas = tuple(Area((box(0, 0, side, side),), paint) for side, paint in paints.items())
-    found = FoundAreas(areas, (100.9 / 255, 0.5, 0.5), 1.0, 40.0, 0.0, 0.0)
-    reds = [round(255 * a.paint[0], 6) for a in with_shared_colors(found, is_noisy).areas]
-    # 7 levels are little for 36 px of a picture with noise, but not for 784 px.
-    assert reds == [100.9, 108 if is_noisy else 115, 108, 100.9, 200]

@@ -10,7 +10,7 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Subject
-from gauss2svg.pipeline.plan import AUTO_MINIMAL, BY_BYTES_UP_TO, Plan
+from gauss2svg.pipeline.plan import BY_BYTES_UP_TO, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.raster import rasterize_like
 
@@ -51,23 +51,6 @@ def test_more_bytes_are_never_worse_also_across_markups(kind, photo):
     ]
     assert all(b > a - 0.1 * (kind == "photo") for a, b in pairwise(found))
     assert kind == "photo" or found[-1] > found[0] + 6
-
-
-def test_a_limit_decides_the_markup_and_the_search():
-    def search_of(**given):
-        (search,) = Plan(Options.from_flat(given)).searches()
-        return search.markup, search.by_bytes
-
-    small, minimal, editable = ("minimal", True), ("minimal", False), ("editable", False)
-    assert search_of() == editable
-    for limit, expected in (
-        (1, small), (BY_BYTES_UP_TO, small), (BY_BYTES_UP_TO + 1, minimal),
-        (AUTO_MINIMAL, minimal), (AUTO_MINIMAL + 1, editable),
-    ):  # fmt: skip
-        assert search_of(max_bytes=limit) == expected
-    # If the target is out of reach, the limit is filled.
-    aim, within = Plan(Options.from_flat({"max_bytes": 5000, "target_psnr": 30})).searches()
-    assert (aim.by_bytes, within.by_bytes, within.aim) == (False, True, None)
 
 
 def test_a_file_has_gaussians_wherever_one_fits():

@@ -5,7 +5,6 @@ import pytest
 from both_renderers import GRADIENT_OFF, OFF, TORCH, drawn, in_both, of_either_blend, tensors_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scenes import random_scene
 from with_torch import torch
 
 from gauss2svg.errors import InputError
@@ -104,16 +103,6 @@ def test_removal_cost_is_what_removal_costs_and_mass_is_its_curvature_in_the_col
         alone = scene.replace(color=np.eye(count)[:, [k] * 3], background=np.zeros(3))
         mass = (weight * np.square(picture(alone, tensors_of(alone))[:, :, 0])).sum()
         assert found[k, 1] == pytest.approx(mass, rel=off, abs=0.1 * OFF[scene.blend][dtype])
-
-
-@pytest.mark.parametrize(("shares", "size"), [(1, (5, 4)), (16, (5, 4)), (3, (130, 70))])
-def test_shares_of_tiles_are_all_the_tiles_and_change_no_bit(shares, size, monkeypatch):
-    scene, target = random_scene(60, *size, 2), np.zeros((3, *size[::-1]), np.float32)
-    expected = squared_error(splats_of(scene), target)
-    in_turn = lambda work, _: [work(share, shares) for share in range(shares)]  # noqa: E731
-    monkeypatch.setattr("gauss2svg.render.cpu.in_shares", in_turn)
-    for one, other in zip(squared_error(splats_of(scene), target), expected, strict=True):
-        assert np.array_equal(one, other)
 
 
 @of_either_blend

@@ -2,35 +2,14 @@
 
 import os
 import signal
-import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from flat import vectorize
 
-from gauss2svg.render import tiles
 from gauss2svg.render.cpu import kernel_lock
-from gauss2svg.render.tiles import in_shares
 
 pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")  # of forks beside threads
-
-
-@pytest.mark.parametrize("failing", [0, 1])
-def test_shares_are_done_at_the_same_time_and_an_exception_is_raised_at_the_end(
-    threads_given_back, failing
-):
-    tiles.threads = 2
-    both, done = threading.Barrier(2, timeout=20), []
-
-    def work(share, shares):
-        both.wait()
-        if share == failing:
-            raise ZeroDivisionError
-        done.append((share, shares))
-
-    with pytest.raises(ZeroDivisionError):
-        in_shares(work, 9)
-    assert done == [(1 - failing, 2)]
 
 
 def forked(holds):

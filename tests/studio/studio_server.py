@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,16 +19,15 @@ import httpx
 import psutil
 
 
-async def with_client(app: Any, story: Callable, base: str = "http://studio") -> Any:
-    """What a story returns that is given a client of an application in this process."""
-    transport = httpx.ASGITransport(app)
-    async with httpx.AsyncClient(transport=transport, base_url=base, timeout=60) as client:
-        return await story(client)
-
-
 def answer_of(app: Any, method: str, path: str, base: str = "http://studio", **more: Any) -> Any:
     """The answer of an application in this process, whose errors are raised here."""
-    return asyncio.run(with_client(app, lambda client: client.request(method, path, **more), base))
+
+    async def asked() -> Any:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url=base, timeout=60) as client:
+            return await client.request(method, path, **more)
+
+    return asyncio.run(asked())
 
 
 class Server:

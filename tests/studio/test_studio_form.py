@@ -1,19 +1,17 @@
-"""What the page is told of options, and the lines that make the same file."""
+"""What the page is told of options, and the command that makes the same file."""
 
 import re
 import shlex
-from unittest import mock
 
 import pytest
 from flat import BESIDE
 from studio_server import answer_of
 
-import gauss2svg
 from gauss2svg.cli import vectorize as command
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.pipeline.options import GROUPS, Options
-from gauss2svg.studio.options import USES, form, lines_of, options_of
+from gauss2svg.pipeline.options import Options
+from gauss2svg.studio.options import USES, command_of, form, options_of
 from gauss2svg.studio.service import create_app
 
 OPTIONS = [option for group in form()["groups"] for option in group["options"]]
@@ -65,22 +63,15 @@ def test_first_choices_set_options_of_the_page_that_go_together(use):
 
 
 @pytest.mark.parametrize("given", [CHANGED, OTHERS], ids=["most", "others"])
-def test_the_lines_are_read_back_as_the_same_options(given, monkeypatch):
+def test_the_command_is_read_back_as_the_same_options(given, monkeypatch):
     options = Options.from_flat(given)
-    lines = lines_of("-my photo's.jpg", options)
     read = []
     monkeypatch.setattr(command, "_run", lambda photo, _, o, files: read.append((photo, o)) or 0)
-    words = shlex.split(lines["command"])
+    words = shlex.split(command_of("-my photo's.jpg", options))
     assert words[words.index("-o") + 1].endswith(".svgz") == bool(given.get("gzip"))
     main(words[1:])
     assert read[0][0] == "./-my photo's.jpg"
     assert read[0][1].flat() == options.flat()
-    call = mock.Mock()
-    monkeypatch.setattr(gauss2svg, "vectorize", call, raising=False)
-    exec(lines["python"], {})
-    groups = call.call_args.kwargs
-    goal = {name: groups.pop(name) for name in list(groups) if name not in GROUPS}
-    assert Options(goal=gauss2svg.Goal(**goal), **groups).flat() == options.flat()
 
 
 @pytest.mark.parametrize("is_local", [True, False])

@@ -1,5 +1,6 @@
 """The studio's page in a browser: from a photo to its SVG, and out."""
 
+import base64
 import io
 import json
 import zipfile
@@ -233,9 +234,9 @@ def test_files_and_the_clipboard_have_what_the_service_has(visit, server):
     with Image.open(io.BytesIO(saved(page.locator("#png"))[1])) as picture:
         assert picture.size == (200, 134)
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
-    texts = json.loads(server.get(home))["lines"]
-    for name, path in {"svg": "picture.svg", "data-uri": "data-uri.txt"}.items():
-        texts[name] = server.get(f"{home}/{path}").decode()
+    svg, command = server.get(f"{home}/picture.svg"), json.loads(server.get(home))["command"]
+    uri = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}"
+    texts = {"svg": svg.decode(), "data-uri": uri, "command": command}
     for name, text in texts.items():
         page.locator(f"[data-copy={name}]").click()
         expect(page.locator(f"[data-copy={name}]")).to_have_text("Copied")

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from outlines import box, polygon, polyline
+from outlines import polygon, polyline
 from scenes import random_scene, random_sum
 from screens import drawn_in_pages
 
@@ -19,7 +19,6 @@ from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import plate_svg, write_svg
 
 WIDTH, HEIGHT = 40, 30
-WHOLE = Area([box(0, 0, 40, 30)], (0, 1, 0))
 BESIDE = Area([polygon((0, 0), (-9, 9), (9, 9))], (1, 0, 0))
 # A line that reaches beyond the canvas only by its stroke.
 EDGE = Area([polyline((9, 29), (30, 29))], (0, 0, 1), width=3)
@@ -84,14 +83,6 @@ def test_the_clip_changes_neither_the_scene_that_is_read_nor_a_pixel_of_the_page
         for scale in (1, 3):
             drawn = (rasterize(text, scale * WIDTH, scale * HEIGHT) for text in (svg, bare))
             np.testing.assert_array_equal(*drawn)
-
-
-@pytest.mark.parametrize(("markup", "precision"), [("editable", 40 / 588), ("minimal", 0.04)])
-def test_a_file_has_a_clip_if_an_area_or_a_stroke_reaches_beyond_the_page(markup, precision):
-    for areas, clips in (([WHOLE], 0), ([BESIDE], 1), ([EDGE], 1)):
-        scene = Scene(40, 30, areas=areas, transparent=True)
-        svg = write_svg(scene, SvgFormat(markup=markup, precision=precision))
-        assert svg.count("<svg") == 1 + clips
 
 
 @pytest.mark.browser

@@ -188,16 +188,7 @@ def test_a_photo_without_a_resolution_has_no_physical_size(dpi, line, picture):
 
 
 SMALL = random_scene(30, 60, 45, 7, (2, 9))
-STILL = write_svg(SMALL)
-SHEET = re.compile("<style.*?</style>", re.DOTALL)
-WITH_SHEETS = {
-    kind: write_svg(SMALL, document=Document(**options))
-    for kind, options in {
-        "animated": {"animate": 6}, "fragments": {"fragments": True},
-        "both": {"animate": 6, "fragments": True},
-    }.items()
-}  # fmt: skip
-HIDING = "svg>g:target~g{display:none}"
+STILL, MOVING = write_svg(SMALL), write_svg(SMALL, document=Document(animate=6))
 # Played, paused at a time in ms, or finished; and what the root then looks like.
 # Two frames later, as a busy browser may show an earlier one until then.
 AT = """async (ms) => {
@@ -206,17 +197,6 @@ AT = """async (ms) => {
     }
     for (let k = 0; k < 2; k++) await new Promise(requestAnimationFrame);
 }"""
-
-
-@pytest.mark.parametrize("kind", WITH_SHEETS)
-def test_one_style_sheet_is_added_and_nothing_else(kind):
-    svg = WITH_SHEETS[kind]
-    assert SHEET.sub("", svg) == STILL
-    (sheet,) = SHEET.findall(svg)
-    assert (HIDING in sheet, "fade-in" in sheet) == (kind != "animated", kind != "fragments")
-    spaced = svg.replace(HIDING, "/* later rounds */ svg > g:target ~ g\n{ display : none; } ")
-    for text in (svg, spaced):  # as an editor may write it
-        assert_same(read_svg(text), read_svg(STILL), atol=0)
 
 
 @pytest.fixture(scope="module")
@@ -255,7 +235,7 @@ def test_a_document_shows_the_rounds_up_to_the_one_in_its_address(write, shown, 
 
 
 def test_a_browser_fades_rounds_in_or_shows_the_end_at_once(shown, tmp_path):
-    files = {"still.svg": STILL, "moving.svg": WITH_SHEETS["animated"]}
+    files = {"still.svg": STILL, "moving.svg": MOVING}
     still, begin, middle, end = screenshots(
         shown, tmp_path, "no-preference", files,
         [("still.svg", 0), ("moving.svg", 1e-3), ("moving.svg", 3000), ("moving.svg", None)],

@@ -17,7 +17,6 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import PLAIN, Area, LinearGradient, Outline, RadialGradient, Scene
 from gauss2svg.svg import Document, SvgFormat
-from gauss2svg.svg.element import path_data
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
@@ -81,23 +80,6 @@ def test_gradients_are_drawn_as_areas_have_them(markup):
 
 
 CURVE = ((0, 0), (1, 2), (3, 2), (4, 0), (5, -2), (7, -2), (8, 0))
-SHORTEST = [
-    (polygon((10, 10), (40, 10), (40, 30), (10, 30)), "m10 10h30v20h-30z"),
-    (polygon((0, 0), (-5, 7), (-9, -3)), "m0 0-5 7-4-10z"),
-    (Outline(CURVE, (True, True), closed=False), "m0 0c1 2 3 2 4 0s3-2 4 0"),
-    # Handles that are off by one unit are no reflections.
-    (Outline((*CURVE[:4], (5, -1), *CURVE[5:]), (True, True), closed=False),
-     "m0 0c1 2 3 2 4 0 1-1 3-2 4 0"),
-    (Outline(((0, 0), (9, 0), (9, 0), (4, 4), (5, 5)), (False, True), closed=False),
-     "m0 0h9s-5 4-4 5"),
-    # A curve with handles at its ends is a line, and what is rounded to nothing is left out.
-    (Outline(((0, 0), (0, 0), (5, 6), (5, 6), (5, 6)), (True, False), closed=False), "m0 0 5 6"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("outline", "data"), SHORTEST)
-def test_path_data_are_as_short_as_they_can_be(outline, data):
-    assert path_data(outline) == data
 
 
 RED = (1.0, 0.0, 0.0)

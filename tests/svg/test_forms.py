@@ -8,7 +8,6 @@ from conftest import needs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import random_scene
-from scipy.special import ive
 from stops import optimised_stops
 
 from gauss2svg.measure import metrics
@@ -21,7 +20,6 @@ from gauss2svg.svg import STOP_COUNTS, SvgFormat
 from gauss2svg.svg.forms import (
     BLUR,
     BLURS,
-    CLEAR,
     FEWEST_STOPS,
     as_written,
     gradient_stops,
@@ -76,33 +74,6 @@ def test_table_is_what_is_derived(count, beta):
     assert [len(part) for part in table] == [len(part) for part in derived] == [count, count]
     assert error_of(*table, beta)[0] <= 1.001 * error_of(*derived, beta)[0]
     np.testing.assert_allclose(table, derived, atol=0.02)
-
-
-def blurred_disc(r: np.ndarray, ratio: float) -> np.ndarray:
-    """Opacity at radii r of a disc of radius 1, blurred by 1 / ratio, by the integral."""
-    t = (np.arange(300) + 0.5) / 300
-    exponent = -0.5 * (ratio * (r[:, None] - t)) ** 2
-    return (t * ratio**2 * np.exp(exponent) * ive(0, r[:, None] * t * ratio**2)).mean(axis=1)
-
-
-@pytest.mark.parametrize("blur", BLURS)
-def test_the_table_has_the_least_error_in_size_and_exponent_and_its_best_peak(blur):
-    ratio = 1 / blur.deviation
-    r = np.arange(0.5, 500) / 500 * (1 + 6 / ratio)
-    drawn = blurred_disc(r, ratio)
-
-    def squared_error(by_sigma: float = 1.0, by_beta: float = 1.0) -> tuple[float, float]:
-        sigma = by_sigma / blur.radius
-        wanted = profile(r / sigma, by_beta * blur.beta)
-        peak = (r * wanted * drawn).sum() / (r * drawn * drawn).sum()
-        return (r * (peak * drawn - wanted) ** 2).sum() / sigma**2, peak
-
-    least, peak = squared_error()
-    assert blur.peak == pytest.approx(peak, rel=1e-5)
-    for factors in ((1 + 1e-4, 1), (1 - 1e-4, 1), (1, 1 + 1e-4), (1, 1 - 1e-4)):
-        assert squared_error(*factors)[0] > least
-    # A filter ends where less than half a level is left.
-    assert blur.peak * blurred_disc(np.array([1 + CLEAR / ratio]), ratio)[0] < 0.5 / 255
 
 
 @settings(max_examples=5)

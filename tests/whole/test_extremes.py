@@ -2,48 +2,25 @@
 
 import itertools
 import math
-from fractions import Fraction
 from operator import attrgetter
 
 from with_torch import torch  # isort: skip, for the next module needs it
 import extremes
 import numpy as np
 import pytest
-from scenes import random_scene, rounding_of
+from scenes import random_scene
 
 from gauss2svg.errors import InputError, SceneError
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGNED
-from gauss2svg.scene.falloff import profile
 
 pytestmark = pytest.mark.sweep
 
 CASES = list(extremes.cases())
 MANY = 1000  # from which on the reference is too slow for more than pictures
 SINGLE, DOUBLE = torch.float32, torch.float64
-
-
-def by_fractions(scene):
-    """The formula once more, of whitened offsets that are exact until the end.
-
-    z1 = u / sx and z2 = (v / sy - rho u / sx) / sqrt(1 - rho^2).
-    """
-    width, height = round(scene.width), round(scene.height)
-    image = np.broadcast_to(scene.background, (height, width, 3))
-    for k, mean in enumerate(scene.mean):
-        rho = Fraction(scene.rho[k])
-        across, down = (
-            [(Fraction(2 * at + 1, 2) - Fraction(mean[axis])) / Fraction(scene.sigma[k, axis])
-             for at in range(side)]
-            for axis, side in enumerate((width, height))
-        )  # fmt: skip
-        skew = np.array([[float(v - rho * u) for u in across] for v in down])
-        r = np.hypot([float(u) for u in across], skew / float((1 - rho) * (1 + rho)) ** 0.5)
-        alpha = (scene.opacity[k] * profile(r, scene.beta[k]))[..., None]
-        image = image + alpha * (scene.color[k] - (0 if scene.blend == "add" else image))
-    return np.clip(image, 0, 1) if scene.blend == "add" else image
 
 
 @pytest.mark.parametrize("case", CASES, ids=attrgetter("name"))
@@ -55,8 +32,6 @@ def test_pictures_gradients_and_files_at_the_extremes_are_within_the_stated_boun
     if len(scene) <= MANY:
         plain = render_reference(scene, dtype=SINGLE).numpy()
         np.testing.assert_allclose(plain, exact, atol=case.plain)
-    if len(scene) <= 300:  # exact arithmetic is slow
-        np.testing.assert_allclose(exact, by_fractions(scene), atol=rounding_of(scene))
     steep = extremes.gradients(scene, not few, DOUBLE)
     kinds = {(True, SINGLE): case.gradient}
     if few:

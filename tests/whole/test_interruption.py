@@ -95,13 +95,6 @@ def test_an_interrupted_search_keeps_its_limit_and_makes_no_corrections(command,
     assert report["svg_bytes"] <= 3000
 
 
-def test_first_signal_ends_the_search_for_areas(command, at, capfd):
-    at(signal.SIGINT, 30)
-    assert main(["photo.png", "-o", "out.svg", "--areas", "always", *command[-3:]]) == 130
-    assert "interrupted. The best picture so far is in out.svg" in capfd.readouterr().err
-    assert report_of_the_file()["stop_reason"] == "interrupted"
-
-
 @in_turn(4, "write")
 def test_second_signal_ends_everything_and_leaves_the_old_file(number, moment, command, at, capfd):
     at(number, moment, moment)

@@ -9,26 +9,13 @@ import pytest
 from conftest import has_ended
 
 from gauss2svg import processes
-from gauss2svg.processes import Ended, run
+from gauss2svg.processes import run
 
 pytestmark = pytest.mark.posix
 
 
 def shell(script, data=None, **options):
     return run(["sh", "-c", script], data, **options)
-
-
-@pytest.mark.parametrize(
-    ("script", "ended"),
-    [
-        ("cat; echo no >&2; echo ' why ' >&2; exit 3", Ended(3, b"said", "why")),
-        ("echo $THIS ${HOME:+home}; pwd; exit 4", Ended(4, b"that home\n/\n", "")),
-        ("yes 0123456789 | head -n 9000 >&2; sleep 600 & echo end >&2", Ended(0, b"", "end")),
-    ],
-)
-def test_a_process_is_told_by_its_status_its_output_and_the_last_line_of_its_errors(script, ended):
-    given = {"folder": Path("/"), "environment": {"THIS": "that"}}
-    assert shell(script, b"said", timeout_s=60, **given) == ended
 
 
 def test_after_its_time_a_process_and_its_children_end_in_whatever_group_they_are(tmp_path):

@@ -13,7 +13,6 @@ from gauss2svg import Scene, read_svg
 from gauss2svg.cli.main import main
 from gauss2svg.files import as_png, saved
 from gauss2svg.raster import rasterize
-from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.svg.encode import outline_svg
 
 pytestmark = pytest.mark.usefixtures("hasty")
@@ -64,13 +63,6 @@ def svg_of(path: Path) -> str:
         return content.decode()
     (data,) = re.findall(r'data:image/svg\+xml,(.*?)"', html.unescape(content.decode()))
     return unquote(data).replace("'", '"')
-
-
-def test_the_drawing_has_all_that_areas_may_have(drawings):
-    scene = Scene.load(drawings / "first.npz")
-    assert (len(scene), scene.transparent, AreaCounts.of(scene.areas).lines) == (0, True, 1)
-    assert [area.opacity for area in scene.areas if area.opacity < 1] == [pytest.approx(0.5, 0.02)]
-    assert sum(not isinstance(area.paint, tuple) for area in scene.areas) == 1
 
 
 @pytest.mark.parametrize(

@@ -4,28 +4,11 @@ import sys
 import threading
 from pathlib import Path
 
-import galleries
 import pytest
 from PIL import Image
 
 from gauss2svg import files
 from gauss2svg.cli.main import main
-from gauss2svg.errors import RendererError
-from gauss2svg.raster import renderers
-
-
-@pytest.mark.posix
-def test_a_program_off_path_is_found_and_one_on_path_comes_first(tmp_path, monkeypatch):
-    installed = galleries.program(tmp_path / "Inkscape" / "inkscape", "")
-    names = "inkscape", "Inkscape/inkscape"
-    monkeypatch.setattr(renderers, "_FOLDERS", [str(tmp_path / "none"), str(tmp_path)])
-    monkeypatch.setitem(renderers._PROGRAMS, "inkscape", ("it", *names))
-    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    assert renderers.find("inkscape") == str(installed)
-    with pytest.raises(RendererError, match="got none on PATH or where it is usually installed"):
-        renderers.find("librsvg")
-    own = galleries.program(tmp_path / "bin" / "inkscape", "")
-    assert renderers.find("inkscape") == str(own)
 
 
 @pytest.mark.skipif(sys.platform != "win32", reason="other systems replace open files")

@@ -14,7 +14,7 @@
 /** @typedef {{ phase?: string, round?: number, iteration?: number, done?: number, frame?: number, gaussians?: number,
  *   areas?: string, psnr?: number | null, bytes_estimate?: number, elapsed_s?: number, remaining_s?: number }} Progress */
 /** @typedef {{ id: string, state: string, progress: Progress | null, report: Report, error: string,
- *   width: number | null, height: number | null, lines: Record<string, string> }} State state of a job; the report is null until there is an SVG */
+ *   width: number | null, height: number | null, command: string }} State state of a job; the report is null until there is an SVG */
 
 export class ApiError extends Error {
   /** @param {string} line @param {number} status HTTP status, or 0 without an answer */

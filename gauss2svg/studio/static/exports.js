@@ -1,9 +1,7 @@
-// Export of a run: files, the clipboard, and the command and Python lines that make the same file.
+// Export of a run: files, the clipboard, and the command line that makes the same file.
 
 import { ApiError, getBlob, getFiles, getText, ofJob } from "./api.js";
 import { complain, say } from "./dom.js";
-
-const TEXTS = /** @type {Record<string, string>} */ ({ "data-uri": "data-uri.txt", html: "placeholder.html" });
 
 /** @import { DoneRun } from "./job.js" */
 
@@ -33,8 +31,7 @@ export class Exports {
     this.width.max = String(widest(run.report, this.limits.png_pixels));
     this.width.value = String(run.report.width);
     this.setPng();
-    by("command").textContent = run.lines.command;
-    by("python").textContent = run.lines.python;
+    by("command").textContent = run.command;
   }
 
   /**
@@ -80,15 +77,17 @@ export class Exports {
   write(what) {
     if (this.run === null) throw new TypeError("there is no run");
     if (!navigator.clipboard) throw new Error("browsers copy only from https or from the address of this machine");
-    const { id, picture, lines } = this.run;
+    const { id, picture, command } = this.run;
     if (what === "png") return navigator.clipboard.write([new ClipboardItem({ "image/png": getBlob(ofJob(id, "picture.png")) })]);
     if (what === "svg") return navigator.clipboard.writeText(picture.text);
-    if (what in TEXTS) {
+    if (what === "html") {
       // The promise is passed on at once, because a browser may refuse to copy some time after the click.
-      const text = getText(ofJob(id, TEXTS[what])).then((found) => new Blob([found], { type: "text/plain" }));
+      const text = getText(ofJob(id, "placeholder.html")).then((found) => new Blob([found], { type: "text/plain" }));
       return navigator.clipboard.write([new ClipboardItem({ "text/plain": text })]);
     }
-    return navigator.clipboard.writeText(lines[what]);
+    const bytes = Array.from(new TextEncoder().encode(picture.text), (byte) => String.fromCharCode(byte));
+    if (what === "data-uri") return navigator.clipboard.writeText(`data:image/svg+xml;base64,${btoa(bytes.join(""))}`);
+    return navigator.clipboard.writeText(command);
   }
 }
 
