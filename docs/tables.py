@@ -115,7 +115,6 @@ _FORMS = {
     "`--form blur`": DRAW_ROTATED_BLURS,
     "`--markup minimal`": DRAW_MINIMAL,
     "`--blend add`": DRAW_BLENDS,
-    "`--blend add --portable`": RENDERERS,
 }
 
 

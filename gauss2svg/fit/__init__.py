@@ -170,7 +170,7 @@ class FitConfig:
 
     gaussians   number of Gaussians, >= 0. If it is 0, the policy of the fit decides the number.
                 Without a policy, the scene then has no Gaussians
-    iterations  number of optimiser steps, >= 1. If it is None, only the deadline ends the fit
+    iterations  number of optimiser steps, >= 1
     reduce      whether early steps run on a smaller copy of the picture while there are few
                 Gaussians, because such steps are faster
     extend      whether the number of iterations is doubled if most of them run on a smaller copy
@@ -180,7 +180,7 @@ class FitConfig:
     """
 
     gaussians: int = 5000
-    iterations: int | None = 200
+    iterations: int = 200
     fit: FitOptions = FitOptions()
     densify: DensifyOptions = DensifyOptions()
     reduce: bool = True
@@ -190,8 +190,7 @@ class FitConfig:
 
     def __post_init__(self) -> None:
         Field("gaussians", int, 0, MOST_GAUSSIANS).checked(self.gaussians)
-        if self.iterations is not None:
-            Field("iterations", int, 1, 10**9).checked(self.iterations)
+        Field("iterations", int, 1, 10**9).checked(self.iterations)
         fit, densify = self.fit, self.densify
         if fit.blend == ADD and fit.falloff not in (None, GAUSSIAN):
             needed = f"{GAUSSIAN} with additive blending"
@@ -203,7 +202,7 @@ class FitConfig:
         if per_round is not None and densify.schedule == "all-at-once":
             needed = "exponential or linear if per_round is given"
             raise refusal("schedule", needed, quoted(densify.schedule))
-        if self.iterations is not None and (each or per_round):
+        if each or per_round:
             steps = self.iterations if each else int(self.iterations * schedule.GROWTH_SHARE)
             rounds = len(self.totals)
             if rounds * (each or 1) > steps:
@@ -218,16 +217,12 @@ class FitConfig:
         densify = self.densify
         return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
 
-    def steps(self, width: int, height: int) -> int | None:
-        """Return the number of steps for a picture of width x height px.
-
-        Return None if only the deadline ends the fit.
-        """
-        if self.iterations is None or not (self.extend and self.reduce and self.gaussians):
-            return self.iterations
-        start = schedule.GROWTH_SHARE
-        is_reduced = refinement_reduction(start, self.gaussians, width, height) > 1
-        return self.iterations * (2 if is_reduced else 1)
+    def steps(self, width: int, height: int) -> int:
+        """Return the number of steps for a picture of width x height px."""
+        start, can_extend = schedule.GROWTH_SHARE, self.extend and self.reduce and self.gaussians
+        if can_extend and refinement_reduction(start, self.gaussians, width, height) > 1:
+            return 2 * self.iterations
+        return self.iterations
 
 
 @dataclass(frozen=True)

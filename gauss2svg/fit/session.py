@@ -18,7 +18,6 @@ divergence.md and numbers.md of docs/decisions.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 import time
@@ -32,16 +31,14 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import refusal
 from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
 from gauss2svg.fit.population import AsWritten, Population
 from gauss2svg.fit.schedule import NEGLIGIBLE, Clock, DivergenceGuard
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import Target
 from gauss2svg.photo.pixels import psnr_of
-from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
-from gauss2svg.scene import ADD, OVER, Scene
+from gauss2svg.scene import Scene
 
 # Reasons why growth or the whole fit ended:
 # iterations   all steps are done
@@ -133,7 +130,7 @@ class FitSession:
     policy      policy that decides the number of Gaussians. If it is None, the number follows
                 config.totals
     deadline    function that returns the time in s of time.perf_counter() at which the fit must
-                end, or None if no time limits the fit
+                end. It is infinite if no time limits the fit
     progress    function that is called after every iteration, in the thread that fits
     as_written  function from a scene and its PSNR in dB to the scene with the exponents and colours
                 of its file. It is called before the last steps, so that these steps can make up for
@@ -147,7 +144,7 @@ class FitSession:
         target: Target,
         config: FitConfig,
         policy: DensificationPolicy | None = None,
-        deadline: Callable[[], float | None] = lambda: None,
+        deadline: Callable[[], float] = lambda: math.inf,
         progress: Callable[[FitProgress], None] | None = None,
         as_written: AsWritten | None = None,
         stop: Callable[[], bool] = lambda: False,
@@ -176,10 +173,8 @@ class FitSession:
             if self.population.target.is_blank:
                 self.policy.stop_reason = "enough"
                 return
-            if not len(self.state):
-                self._grow()
-            total = self.clock.iterations
-            steps = None if total is None else total - self.clock.iteration
+            self._grow()
+            steps = self.clock.iterations - self.clock.iteration
             adjustments = [(at, self._adjust) for at in ADJUST_AT]
             pruning = schedule.DECAY_START, self._prune
             self._refine(steps, schedule.GROWTH_SHARE, [*adjustments, pruning])
@@ -212,15 +207,6 @@ class FitSession:
         self.resize(count, iterations)
         if keeps and len(before) <= count and population.psnr() - psnr < 0.05:
             population.state = before
-
-    def adopt(self, scene: Scene, count: int) -> None:
-        """Begin with the Gaussians of an additive scene, as alpha-composited shapes.
-
-        If they are fewer than `count`, more are added. Call it before `fit`, which then has no
-        rounds of growth but only refines these Gaussians.
-        """
-        self.population.adopt(scene)
-        self.population.densify_or_prune(max(count, len(self.state)))
 
     def prune_to(self, count: int) -> None:
         """Remove the least useful Gaussians until at most `count` are left."""
@@ -270,11 +256,11 @@ class FitSession:
             self._restore_best(tolerant=not clock.stopped())
 
     def _refine(
-        self, steps: int | None, start: float, events: Iterable[_Event], gently: bool = False
+        self, steps: int, start: float, events: Iterable[_Event], gently: bool = False
     ) -> None:
         """Take steps from progress `start` to 1.
 
-        steps   number of steps, or None for as many as the time allows
+        steps   number of steps
         events  events to do on the way, in addition to the events of every refinement
         gently  whether the first steps are small
         """
@@ -433,33 +419,5 @@ def fit(
     with kernel_lock:
         config = config or FitConfig()
         session = FitSession(Target(pixels, config.fit.tuned), config, progress=progress)
-        session.fit()
-        return session.result()
-
-
-def convert_additive(
-    scene: Scene,
-    pixels: NDArray[np.float32] | None = None,
-    config: FitConfig | None = None,
-    progress: Callable[[FitProgress], None] | None = None,
-) -> FitResult:
-    """Convert an additive scene to the same number of alpha-composited shapes.
-
-    Alpha-composited shapes are useful because every renderer draws them. They are fitted to
-    `pixels`, which are (h, w, 3) float32 in 0..1, or to the render of the scene if `pixels` is
-    None. The module gauss2svg.fit.population describes the method. The values of config.gaussians
-    and config.densify are ignored. Raise InputError unless the scene is additive and
-    config.fit.blend is "over".
-    """
-    config = config or FitConfig()
-    config = dataclasses.replace(config, gaussians=len(scene), densify=FitConfig.densify)
-    blends = scene.blend, config.fit.blend
-    if blends != (ADD, OVER):
-        needed = f"additive, and fitted by a config of blend {OVER!r}"
-        raise refusal("the scene", needed, f"blends {blends[0]!r} and {blends[1]!r}")
-    with kernel_lock:
-        photo = render(scene) if pixels is None else pixels
-        session = FitSession(Target(photo, config.fit.tuned), config, progress=progress)
-        session.adopt(scene, len(scene))
         session.fit()
         return session.result()

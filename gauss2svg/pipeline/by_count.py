@@ -38,15 +38,13 @@ from collections.abc import Sequence
 from operator import attrgetter
 
 from gauss2svg import portable
-from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
+from gauss2svg.fit import FitProgress, schedule
 from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, FitSession, Snapshot
-from gauss2svg.fit.target import Target
 from gauss2svg.measure import PSNR, Search
-from gauss2svg.photo.pixels import has_alpha, over
 from gauss2svg.pipeline.outcome import FULL, Export, Exporter, Outcome, Subject
 from gauss2svg.pipeline.plan import CAP_FOR_TARGET, GZIP, USUAL_BYTES, Aim, Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
 
 FIRST_ROUND = 8  # number of Gaussians in the first round of growth
@@ -96,7 +94,7 @@ class ByCount(DensificationPolicy):
         goal, aim, pixels = plan.goal, plan.aim, math.prod(subject.size)
         self._bytes_each = plan.shape_bytes / (GZIP if plan.counts_gzipped else 1)
         # A Gaussian has nine numbers, as three pixels have. With a budget, two are enough.
-        each = 2 if plan.is_budget else 3
+        each = 2 if goal.is_budget else 3
         cap = min(plan.preset.cap, max(1, pixels // each))
         # Corrections may raise the count up to this number. Growth may raise it only up to
         # `expected`.
@@ -114,7 +112,7 @@ class ByCount(DensificationPolicy):
         # If the target is not a PSNR, growth cannot aim at it. Growth then ends at the preset's
         # PSNR, and corrections raise or lower the count until the file reaches the target.
         self.expected, self._first = cap, FIRST_ROUND
-        is_limited = plan.is_budget or goal.byte_limit is not None or goal.count is not None
+        is_limited = goal.is_budget or goal.byte_limit is not None or goal.count is not None
         # Whether the goal is the best picture within a limit or with a given count.
         self._wants_best = aim is None and is_limited
         # Gaussians are added only as long as each one gains at least this many dB. It is 0 with a
@@ -138,9 +136,15 @@ class ByCount(DensificationPolicy):
 
     def run(self) -> Outcome:
         """Fit and write a scene, correct the count as long as this helps, and return the best."""
-        plan, run = self._plan, self._run
+        plan, run, start = self._plan, self._run, self._subject.start
         exports = list[Export]()
-        session, additive = self._fitted()
+        run.stop()
+        run.budget.begin_fit(self.expected)
+        session = self._session()
+        if start and not session.population.target.is_blank:
+            self._refine(session, start)
+        else:
+            session.fit()
         self._phase = "correct"
         while True:
             run.notify("write")
@@ -164,41 +168,7 @@ class ByCount(DensificationPolicy):
         fitted = session.result()
         if best in self._first_file:
             fitted = fitted.after(None, "start")
-        fitted = fitted.after(additive, fitted.stop_reason)
         return self._exporter.outcome(best, fitted, len(exports) - 1)
-
-    def _fitted(self) -> tuple[FitSession, FitResult | None]:
-        """Run the fit whose scene the first file shows. Return this fit.
-
-        For a portable file, an additive fit runs before it. Return the result of the additive fit
-        too, or None if there is none. If a time limit alone decides how many steps the returned fit
-        has, the fit begins with few Gaussians on reduced pictures, because its steps are then
-        faster.
-        """
-        plan, run, additive = self._plan, self._run, None
-        run.stop()
-        if plan.options.svg.portable:
-            run.budget.begin_fit(self.expected, share=0.35)
-            self._phase = "additive"
-            working, target = self._subject.working, self._subject.target(plan.tune)
-            if has_alpha(working):
-                target = Target(over(working), plan.tune)
-            first = self._session(target, plan.config(ADD))
-            first.fit()
-            additive, self._phase = first.result(), "fit"
-        run.budget.begin_fit(self.expected)
-        config = plan.fit_config
-        if plan.only_time_limits:
-            config = dataclasses.replace(config, gaussians=self.expected)
-        session = self._session(self._subject.target(plan.tune), config)
-        if additive is not None:
-            session.adopt(additive.scene, plan.fit_config.gaussians)
-        start = self._subject.start
-        if start and not session.population.target.is_blank:
-            self._refine(session, start)
-        else:
-            session.fit()
-        return session, additive
 
     def _refine(self, session: FitSession, start: Scene) -> None:
         """Refine the shapes of the scene `start` in place of a fit with growth.
@@ -226,11 +196,18 @@ class ByCount(DensificationPolicy):
         session.refine(count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)), keeps)
 
     def _steps(self, share: float) -> int:
-        return max(40, round(share * (self._plan.fit_config.iterations or 0)))
+        return max(40, round(share * self._plan.fit_config.iterations))
 
-    def _session(self, target: Target, config: FitConfig) -> FitSession:
-        """Return a fit that reports its progress under the present phase of the search."""
-        run, ground = self._run, self._subject.ground
+    def _session(self) -> FitSession:
+        """Return a fit that reports its progress under the present phase of the search.
+
+        If a time limit alone decides how many steps the fit has, it begins with few Gaussians on
+        reduced pictures, because its steps are then faster.
+        """
+        plan, run, ground = self._plan, self._run, self._subject.ground
+        config, target = plan.fit_config, self._subject.target(plan.tune)
+        if plan.only_time_limits:
+            config = dataclasses.replace(config, gaussians=self.expected)
         areas = "" if ground is None else str(AreaCounts.of(ground.areas))
 
         def progress(now: FitProgress) -> None:
@@ -242,9 +219,10 @@ class ByCount(DensificationPolicy):
             run.notify(self._phase, now)
             run.stop()
 
-        as_written = None if self._phase == "additive" else self._exporter.as_written
-        policy, ends = self if self._plan.goal.count_adapts else None, run.budget.fit_ends
-        session = FitSession(target, config, policy, ends, progress, as_written, lambda: run.ended)
+        session = FitSession(
+            target, config, self if plan.goal.count_adapts else None, run.budget.fit_ends, progress,
+            self._exporter.as_written, lambda: run.ended,
+        )  # fmt: skip
         return session
 
     def grow(self, now: Snapshot) -> int:
@@ -335,10 +313,8 @@ class ByCount(DensificationPolicy):
         psnr     PSNR in dB that the fit will have when its palette is chosen, None if it has been
                  chosen. The higher it is, the more entries the palette has
         """
-        counts, limit = {self._cap_reason: float(self.expected)}, self._plan.goal.byte_limit
-        if self._phase == "additive":  # the bytes of its shapes in the file are unknown
-            return counts
-        counts["time_limit"] = in_time
+        counts = {self._cap_reason: float(self.expected), "time_limit": in_time}
+        limit = self._plan.goal.byte_limit
         if limit is not None:
             refines = now.done > schedule.GROWTH_SHARE
             # The fit has more shapes than the file may have, and the least useful ones are pruned

@@ -15,7 +15,6 @@ from gauss2svg.fit import MOST_GAUSSIANS, DensifyOptions, FitOptions, FitProgres
 from gauss2svg.measure import TARGETS, Score, color_name
 from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, fields_of
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
-from gauss2svg.scene import OVER
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
 
 AUTO = "auto"
@@ -138,9 +137,6 @@ class SvgOptions(OptionGroup):
     """Background colour for a transparent photo: a name such as white, #fa0 or #ffaa00. If not
     given, the SVG is transparent where the photo is."""
 
-    portable: bool = False
-    """Convert the result of --blend add to shapes that every renderer draws."""
-
     gzip: bool = False
     """Compress the file, as a name that ends in .svgz does. --max-bytes then limits the compressed
     size."""
@@ -205,11 +201,6 @@ class Options:
     svg: SvgOptions = SvgOptions()
     document: Document = Document()
     run: RunOptions = RunOptions()
-
-    @property
-    def written_blend(self) -> str:
-        """Blend mode of the shapes in the file."""
-        return OVER if self.svg.portable else self.fit.blend
 
     @classmethod
     def of_call(cls, arguments: Mapping[str, Any]) -> Options:
@@ -280,13 +271,12 @@ def unknown_keyword(name: str, function: str, form: str = "{}") -> TypeError:
 class Progress:
     """The phase in which a run of `vectorize` is, and the state of the fit.
 
-    phase  "read", "areas" (only with areas), "additive" (only with the option portable),
-           "fit", "write", "correct" or "measure". "correct" and then "write" come again for each
-           correction of the number of Gaussians, and so do "areas" and "write" for each file that
-           is over the limit of bytes. "measure" comes at the end. If there is a target, it also
-           comes after each "write"
-    fit    state of the fit during "areas", "additive", "fit" and "correct", otherwise None. It is
-           also None in "areas" before any are found
+    phase  "read", "areas" (only with areas), "fit", "write", "correct" or "measure". "correct" and
+           then "write" come again for each correction of the number of Gaussians, and so do "areas"
+           and "write" for each file that is over the limit of bytes. "measure" comes at the end. If
+           there is a target, it also comes after each "write"
+    fit    state of the fit during "areas", "fit" and "correct", otherwise None. It is also None in
+           "areas" before any are found
     """
 
     phase: str

@@ -244,7 +244,7 @@ class Plan:
         colours (docs/decisions/markup.md).
         """
         limit, seconds = self.uncompressed_limit, self.goal.time_limit
-        if not self.is_budget:
+        if not self.goal.is_budget:
             usual = PRESETS[self.goal.quality or DEFAULT_PRESET]
             stop = min(usual.stop_psnr + self.faintness, max(usual.stop_psnr, FAINT_STOP))
             return dataclasses.replace(usual, stop_psnr=stop)
@@ -260,15 +260,6 @@ class Plan:
             usual, gain=0.0, stop_psnr=INDISTINGUISHABLE, cap=max(cap, 150), max_size=side,
             color_loss=loss,
         )  # fmt: skip
-
-    @property
-    def is_budget(self) -> bool:
-        """Whether the goal is the best picture within a limit of bytes or seconds.
-
-        It is False for a portable file, because the additive fit that comes first decides the
-        number of Gaussians.
-        """
-        return self.goal.is_budget and not self.options.svg.portable
 
     @property
     def uncompressed_limit(self) -> int | None:
@@ -305,38 +296,31 @@ class Plan:
         least = 0.0 if self.goal.byte_limit is None and not self.rate else INDISTINGUISHABLE
         return max(self.preset.stop_psnr, least)
 
-    @cached_property
-    def fit_config(self) -> FitConfig:
-        """Configuration of the fit whose scene is written."""
-        return self.config(self.options.written_blend)
-
     @property
     def only_time_limits(self) -> bool:
         """Whether a time limit is given, but neither a preset nor a target."""
         goal = self.goal
         return goal.time_limit is not None and goal.quality is None and self.aim is None
 
-    def config(self, blend: str) -> FitConfig:
-        """Return the configuration of a fit.
-
-        blend  blend mode of the fit. A portable file has two fits, of which the first is additive
-        """
-        options, densify, steps = self.options, self.options.densify, self.preset.iterations
-        if self.only_time_limits and options.fit.iterations is None:
+    @cached_property
+    def fit_config(self) -> FitConfig:
+        """Configuration of the fit by count."""
+        fit, densify, goal = self.options.fit, self.options.densify, self.goal
+        steps = self.preset.iterations
+        if self.only_time_limits and fit.iterations is None:
             # More than 1000 steps gain nothing. The time is better spent on steps in which all
             # Gaussians exist than on rounds of growth (docs/decisions/time.md).
             steps, densify = 1000, dataclasses.replace(densify, round_iterations=6)
-        falloff = options.fit.falloff if blend == options.written_blend else None
-        if self.in_areas:
+        if self.in_areas and fit.falloff is None:
             # Areas have the crisp edges. Each further falloff takes a definition in the file.
-            falloff = falloff or GAUSSIAN
+            fit = dataclasses.replace(fit, falloff=GAUSSIAN)
         return FitConfig(
-            gaussians=0 if self.goal.count_adapts else self.goal.count or 0,
-            iterations=options.fit.iterations or steps,
-            fit=dataclasses.replace(options.fit, blend=blend, falloff=falloff),  # pyright: ignore[reportArgumentType]
+            gaussians=0 if goal.count_adapts else goal.count or 0,
+            iterations=fit.iterations or steps,
+            fit=fit,
             densify=densify,
-            extend=options.fit.iterations is None and not self.goal.count_adapts,
-            relocate_rarely=self.is_budget or self.only_time_limits,
+            extend=fit.iterations is None and not goal.count_adapts,
+            relocate_rarely=goal.is_budget or self.only_time_limits,
         )
 
     @cached_property
@@ -400,7 +384,7 @@ class Plan:
         preset, adapts, palette = self.preset, self.goal.count_adapts, 0
         if self.options.svg.palette is not None:
             return self.options.svg.palette, 0.0
-        if self.is_budget:
+        if self.goal.is_budget:
             palette = 4096  # these err less than 8 bits do, and more take long to find
         elif preset.colors and not adapts:
             # Fewer than 192 entries lower the PSNR even of a thousand Gaussians.
@@ -443,7 +427,7 @@ def check_together(options: Options) -> None:
         raise InputError(f"{name} must {rule}; got {got}. Try {advice}")
     renderer, svg = options.run.renderer, options.svg
     for is_asked, able, what, otherwise in (
-        (options.written_blend == ADD, DRAW_BLENDS, "additive blending", ", or --portable"),
+        (options.fit.blend == ADD, DRAW_BLENDS, "additive blending", f", or --blend {OVER}"),
         (svg.markup == MINIMAL, DRAW_MINIMAL, "minimal markup", ""),
         (svg.form != GRADIENT, DRAW_ROTATED_BLURS, f"form {svg.form}", f", or --form {GRADIENT}"),
     ):
@@ -456,7 +440,7 @@ def check_together(options: Options) -> None:
 
 def needs_editable(options: Options) -> str:
     """Return the first requested feature that a minimal file cannot have, "" if there is none."""
-    additive = ["additive blending"] * (options.written_blend == ADD)
+    additive = ["additive blending"] * (options.fit.blend == ADD)
     return next(iter([*additive, *_layered(options)]), "")
 
 
@@ -487,16 +471,13 @@ def _conflicts(options: Options) -> Iterator[tuple[str, str, object, str]]:
     if svg.areas == ALWAYS:
         for name, value in _without_areas(options).items():
             yield name, f"not be given with areas {ALWAYS}", value, f"--areas {NEVER}"
-    if svg.portable and fit.blend != ADD:
-        yield "portable", f"be given with blend {ADD}", f"blend {fit.blend}", "without --portable"
     if svg.count_gzipped and goal.max_bytes is None:
         advice = "--max-bytes 60k --count-gzipped"
         yield "count_gzipped", "be given with max_bytes", "none", advice
     if svg.markup == MINIMAL and (needs := needs_editable(options)):
         yield "markup", f"be {EDITABLE} with {needs}", svg.markup, "--markup auto"
-    for name in layered if options.written_blend == ADD else ():
-        advice = f"--form {GRADIENT}" if name.startswith("form") else "--portable"
-        yield name, "not be given with additive blending", f"blend {ADD}", advice
+    for name in layered if fit.blend == ADD else ():
+        yield name, "not be given with additive blending", f"blend {ADD}", f"--blend {OVER}"
     if inks is not None:
         why = "because a picture in inks has opaque shapes without gradients, in one layer each"
         asked = {"blend": fit.blend == ADD, "falloff": fit.falloff is not None}

@@ -89,15 +89,14 @@ def test_goals_may_be_given_by_name_or_together(photo):
 
 
 TOGETHER = [
-    ({"portable": True}, "portable must be given with blend add"),
-    ({"blend": "add", "renderer": "cairo"}, "renderer must be one of .*resvg.*or --portable"),
+    ({"blend": "add", "renderer": "cairo"}, "renderer must be one of .*resvg.*or --blend over"),
     ({"per_round": 5}, "per_round must be given with .*--gaussians 1000 alone"),
     ({"loss": "mse", "ssim_weight": 0.1}, "loss must be one with ssim.*l?mse.ssim"),
     ({"blend": "add", "falloff": "adaptive"}, "falloff must be gaussian.*; got 'adapt"),
     ({"gaussians": 5000, "per_round": 1, "schedule": "linear"}, "for 5000 rounds of 1 or more"),
     ({"gaussians": 5000, "round_iterations": 90}, "room for 6 rounds of 90 or more; got"),
-    ({"blend": "add", "animate": 2}, "animate must not be given with additive.*--portable"),
-    ({"blend": "add", "form": "blur", "renderer": "chromium"}, "form blur must.*--form gradient"),
+    ({"blend": "add", "animate": 2}, "animate must not be given with additive.*--blend over"),
+    ({"blend": "add", "form": "blur", "renderer": "chromium"}, "form blur must.*--blend over"),
     ({"count_gzipped": True}, "count_gzipped must be given with max_bytes"),
     ({"target_psnr": 30, "target_ssimulacra2": 50}, "ssimulacra2 must not be .* target_psnr"),
     ({"scores": True, "time_limit": 5}, "scores must not be given with time_limit"),
