@@ -78,9 +78,6 @@ class FitOptions(OptionGroup):
     and less in texture. psnr: PSNR. The default is perceptual, but psnr for the smallest files and
     for inks."""
 
-    ssim_weight: Annotated[float | None, Interval(ge=0, le=1)] = None
-    """Weight of 1 - SSIM in a loss with ssim, from 0 to 1. The default is 0.2."""
-
     focus_strength: Annotated[float | None, Interval(ge=1, le=1000)] = None
     """Factor by which errors count more where the mask of --focus is white. The default is 4."""
 
@@ -195,9 +192,6 @@ class FitConfig:
         if fit.blend == ADD and fit.falloff not in (None, GAUSSIAN):
             needed = f"{GAUSSIAN} with additive blending"
             raise refusal("falloff", needed, quoted(fit.falloff), f"--blend {OVER}")
-        if fit.ssim_weight is not None and not has_ssim(fit.loss):
-            advice = f"--loss {'l1' if fit.loss == 'l1' else 'mse'}+ssim"
-            raise refusal("loss", "one with ssim if ssim_weight is given", quoted(fit.loss), advice)
         each, per_round = densify.round_iterations, densify.per_round
         if per_round is not None and densify.schedule == "all-at-once":
             needed = "exponential or linear if per_round is given"

@@ -136,8 +136,7 @@ class Population:
 
     def evaluate(self, splats: Splats) -> LossAndGradient:
         """Return the loss of the Gaussians and its gradient."""
-        options = self.config.fit
-        return self.target.evaluate(splats, options.loss, options.ssim_weight)
+        return self.target.evaluate(splats, self.config.fit.loss)
 
     def step(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> bool:
         """Take an Adam step. Return whether the steps of all Gaussians were finite.
@@ -332,7 +331,7 @@ class Population:
         current, splats = self.state.color, self.splats()
         rendered, cost = self.target.removal_cost(splats)
         before = self.target.weighted_squares(rendered)
-        moments = self.target.evaluate(splats, DEFAULT_LOSS, None).moments
+        moments = self.target.evaluate(splats, DEFAULT_LOSS).moments
         best = inks.nearest(best_colors(self.state, moments, cost[:, 1]))
         changes = self.rng.random((len(current), 1)) < 0.5
         for color in (best, np.where(changes, best, current)):

@@ -189,13 +189,10 @@ class Target:
             squares *= self.focus
         return float(np.mean(squares, dtype=np.float64))
 
-    def evaluate(
-        self, splats: Splats, loss: LossName | LossFunction, ssim_weight: float | None
-    ) -> LossAndGradient:
+    def evaluate(self, splats: Splats, loss: LossName | LossFunction) -> LossAndGradient:
         """Return the loss of the Gaussians and its gradient.
 
-        loss         one of the values of FitOptions.loss
-        ssim_weight  weight of 1 - SSIM in 0..1, or None for 0.2
+        loss: one of the values of FitOptions.loss.
         """
         parts: list[LossAndGradient] = []
         weight = self.weight if loss == DEFAULT_LOSS else self.focus
@@ -206,7 +203,7 @@ class Target:
                 squares = self.error_of(image, planar) * planar.size
             value = 0.5 * squares
             if loss not in SQUARED_LOSSES:
-                mean, gradient = image_gradient(loss, image, planar, ssim_weight, self.focus)
+                mean, gradient = image_gradient(loss, image, planar, self.focus)
                 value, moments = mean * planar.size, moments_of_gradient(on_backdrop, gradient)
             # squared_error counts pair rows. A pair row has 16 px, so it is 16 pixel-Gaussian
             # pairs.
@@ -289,26 +286,26 @@ def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 SQUARED_LOSSES = (DEFAULT_LOSS, "mse")  # a kernel computes these and their gradients
+# The weight of SSIM in "3D Gaussian Splatting for Real-Time Radiance Field Rendering" (Kerbl et
+# al., 2023)
+SSIM_WEIGHT = 0.2
 
 
 def image_gradient(
     loss: LossName | LossFunction,
     rendered: NDArray[np.floating],
     target: NDArray[np.floating],
-    ssim_weight: float | None = None,
     focus: NDArray[np.floating] | None = None,
 ) -> tuple[float, NDArray[np.floating]]:
     """Return the loss and its gradient (3, h, w) with respect to rendered (3, h, w).
 
-    loss         a function, or mse or l1, which may be followed by +ssim
-    ssim_weight  weight w of the SSIM term in 0..1. If it is None, w is 0.2, as in "3D
-                 Gaussian Splatting for Real-Time Radiance Field Rendering" (Kerbl et al., 2023)
-    focus        (h, w) weight of each pixel, of mean 1. If it is None, all weights are 1
+    loss   a function, or mse or l1, which may be followed by +ssim
+    focus  (h, w) weight of each pixel, of mean 1. If it is None, all weights are 1
 
     Let p be the mean of the pixel loss over all values of the image, weighted by `focus`. Without
-    +ssim, the loss is p. With +ssim, it is (1 - w) p + w (1 - SSIM). The gradient of the loss is
-    multiplied by the number of values of the image, so that its scale does not depend on the size
-    of the image.
+    +ssim, the loss is p. With +ssim, it is (1 - w) p + w (1 - SSIM), where w is SSIM_WEIGHT. The
+    gradient of the loss is multiplied by the number of values of the image, so that its scale does
+    not depend on the size of the image.
     """
     if not isinstance(loss, str):
         return _by_function(loss, rendered, target)
@@ -321,13 +318,12 @@ def image_gradient(
         losses, gradient = losses * focus, gradient * focus
     value = np.mean(losses, dtype=np.float64)
     if has_ssim(loss):
-        weight = 0.2 if ssim_weight is None else ssim_weight
-        value *= 1 - weight
-        gradient *= 1 - weight
+        value *= 1 - SSIM_WEIGHT
+        gradient *= 1 - SSIM_WEIGHT
         for channel, planes in enumerate(zip(rendered, target, strict=True)):
             similarity, slope = structural_similarity(*planes, focus)
-            value += weight * (1 - similarity) / len(rendered)
-            gradient[channel] -= weight * slope
+            value += SSIM_WEIGHT * (1 - similarity) / len(rendered)
+            gradient[channel] -= SSIM_WEIGHT * slope
     return float(value), gradient
 
 

@@ -17,7 +17,6 @@ from gauss2svg.pipeline.vectorize import Result, vectorize_by
 
 # Options that are valid only beside another one of this value.
 BESIDE = {
-    "ssim_weight": {"loss": "l1+ssim"},
     "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
     "schedule": {"gaussians": 100}, "count_gzipped": {"max_bytes": 40_000},
 }  # fmt: skip
