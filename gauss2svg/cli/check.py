@@ -1,6 +1,5 @@
 """The command `gauss2svg check`, imported only when it is run."""
 
-import dataclasses
 import os
 import sys
 from dataclasses import dataclass
@@ -98,11 +97,9 @@ def run(given: dict[str, Any]) -> int:
             update(svg, len(records), len(pairs))
             stdin = files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else None
             try:
+                source = files.read_input() if photo == STANDARD_STREAM else photo
                 result = check(
-                    files.read_input() if photo == STANDARD_STREAM else photo,
-                    stdin or Path(svg),
-                    reference=asked.reference,
-                    **dataclasses.asdict(options),
+                    source, stdin or Path(svg), reference=asked.reference, **vars(options)
                 )
             except Gauss2SvgError as error:
                 if is_one:

@@ -249,7 +249,7 @@ class FitResult:
     cpu_s        CPU seconds, summed over all threads
     pixel_pairs  number of pairs of a pixel and a Gaussian that were evaluated, summed over all
                  steps. The forward and the backward pass over a pair count as one evaluation
-    stop_reason  one of gauss2svg.fit.session.STOP_REASONS
+    stop_reason  what ended growth or the whole fit, a word of docs/reference/report.md
     rollbacks    number of times that the fit diverged and was rolled back to its best state
     rate         factor by which all learning rates were multiplied at the end of the fit. It does
                  not include their scheduled decay

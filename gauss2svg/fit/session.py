@@ -40,22 +40,6 @@ from gauss2svg.photo.pixels import psnr_of
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import Scene
 
-# Reasons why growth or the whole fit ended:
-# iterations   all steps are done
-# gaussians    the fit has the number of Gaussians that the option gaussians sets, which may be 0
-# gain         one more round would have gained less PSNR than the preset asks for
-# enough       the PSNR that the preset asks for is reached, or nearly no error is left
-# cap          the largest allowed number of Gaussians is reached
-# start        the fit has as many Gaussians as the scene with which it started
-# max_bytes    the limit of the file size ended growth
-# time_limit   the limit of the time ended growth or the fit
-# interrupted  the caller stopped the fit
-# If a run ends because it meets a target, its report has none of these reasons but the name of the
-# option that sets the target.
-STOP_REASONS = (
-    "iterations", "gaussians", "gain", "enough", "cap", "start", "max_bytes", "time_limit",
-    "interrupted",
-)  # fmt: skip
 # Progress in refinement at which a policy may change the number of Gaussians.
 ADJUST_AT = (0.45, 0.55, 0.65)
 # Progress at which an action of a fit is due, and the action.
@@ -89,7 +73,7 @@ class DensificationPolicy:
     """A policy that decides the number of Gaussians. This base class follows FitConfig.totals.
 
     rounds       approximate number of rounds of growth
-    stop_reason  reason why growth ended, one of STOP_REASONS. It is valid once growth has ended
+    stop_reason  reason why growth ended, as in FitResult. It is valid once growth has ended
     least_gain   gain in dB that a Gaussian must bring. Gaussians that gain less are pruned before
                  the last steps
     """
@@ -220,16 +204,12 @@ class FitSession:
         """Return the scene and the costs so far."""
         reason = "time_limit" if self.clock.out_of_time else self.policy.stop_reason
         return FitResult(
-            scene=self.scene(),
-            iterations=self.clock.iteration,
+            self.scene(), self.clock.iteration,
             rounds=self.population.round_index + 1 if len(self.state) else 0,
-            wall_s=self.wall_s,
-            cpu_s=self.cpu_s,
-            pixel_pairs=self.pixel_pairs,
+            wall_s=self.wall_s, cpu_s=self.cpu_s, pixel_pairs=self.pixel_pairs,
             stop_reason="interrupted" if self.clock.stopped() else reason,
-            rollbacks=self.guard.rollbacks,
-            rate=self.config.fit.learning_rate * self.guard.rate,
-        )
+            rollbacks=self.guard.rollbacks, rate=self.config.fit.learning_rate * self.guard.rate,
+        )  # fmt: skip
 
     def _grow(self) -> None:
         """Run rounds of growth until the policy ends them.
@@ -357,12 +337,8 @@ class FitSession:
         """
         population, guard = self.population, self.guard
         is_due = schedule.relocates(done, self.clock.iteration, self.config.relocate_rarely)
-        if (
-            is_due
-            and self._error > NEGLIGIBLE
-            and self.config.densify.relocate
-            and population.relocate()
-        ):
+        is_due &= self.config.densify.relocate and self._error > NEGLIGIBLE
+        if is_due and population.relocate():
             guard.allow_rise()
         if population.inks is not None and self.clock.iteration % 20 == 0:
             population.exchange_inks(population.inks)
@@ -384,18 +360,11 @@ class FitSession:
         self.pixel_pairs += evaluated.pairs
         self.clock.iteration += 1
         elapsed = self.clock.elapsed_s
-        self._progress(
-            FitProgress(
-                round=population.round_index + 1,
-                iteration=self.clock.iteration,
-                done=done,
-                gaussians=len(population),
-                psnr=psnr_of(self._error),
-                elapsed_s=elapsed,
-                remaining_s=elapsed / max(done, 0.01) * (1 - done),
-                scene=population.scene,
-            )
-        )
+        self._progress(FitProgress(
+            population.round_index + 1, self.clock.iteration, done, len(population),
+            psnr_of(self._error), elapsed, remaining_s=elapsed / max(done, 0.01) * (1 - done),
+            scene=population.scene,
+        ))  # fmt: skip
 
     @contextmanager
     def _timed(self) -> Iterator[None]:

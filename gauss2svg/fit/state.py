@@ -95,19 +95,14 @@ class State:
         """
         count = len(mean)
         # The arrays are copied to C order, because the kernels are compiled for it.
+        stepped = {f.name: np.full(p.shape(count), raw.get(f.name, 0.0)) for p, f in STEPPED}
+        moments = np.zeros((2, count, COLUMN_COUNT))
         return cls(
-            mean=np.array(mean, order="C"),
-            factor=np.array(factor, order="C"),
-            **{
-                form.name: np.full(parameter.shape(count), raw.get(form.name, 0.0))
-                for parameter, form in STEPPED
-            },
+            mean=np.array(mean, order="C"), factor=np.array(factor, order="C"), **stepped,
             round_index=np.full(count, round_index, np.int32),
             drawn=np.full(count, SOFT, np.int8),
-            adam_m=np.zeros((count, COLUMN_COUNT)),
-            adam_v=np.zeros((count, COLUMN_COUNT)),
-            age=np.zeros(count),
-        )
+            adam_m=moments[0], adam_v=moments[1], age=np.zeros(count),
+        )  # fmt: skip
 
     @classmethod
     def of_scene(cls, scene: Scene) -> State:
@@ -159,11 +154,9 @@ class State:
 
     def scaled(self, scale_x: float, scale_y: float) -> State:
         """Return the state on a working image whose sides are scaled by scale_x and scale_y."""
-        return dataclasses.replace(
-            self,
-            mean=self.mean * [scale_x, scale_y],
-            factor=self.factor * [scale_x, scale_y, scale_y],
-        )
+        mean = self.mean * [scale_x, scale_y]
+        factor = self.factor * [scale_x, scale_y, scale_y]
+        return dataclasses.replace(self, mean=mean, factor=factor)
 
     def _activated(self) -> dict[str, Any]:
         return {p.name: raw.activated(getattr(self, raw.name)) for p, raw in STEPPED}
@@ -175,15 +168,9 @@ class State:
         """
         sigma, rho, whitening = _activate(self.factor)
         return splats_from(
-            self.mean,
-            sigma,
-            rho,
-            whitening,
-            background=background,
-            additive=blend == ADD,
-            is_plain=self.drawn == PLAIN,
-            **self._activated(),
-        )
+            self.mean, sigma, rho, whitening, background=background, additive=blend == ADD,
+            is_plain=self.drawn == PLAIN, **self._activated(),
+        )  # fmt: skip
 
     def scene(
         self, background: NDArray[np.float64], width: float, height: float, blend: str = OVER
@@ -199,17 +186,9 @@ class State:
             p.name: np.clip(activated[p.name], *p.domain(blend)) for p, _ in STEPPED
         }
         return Scene(
-            width,
-            height,
-            mean=self.mean,
-            sigma=sigma,
-            rho=rho,
-            background=background,
-            round_index=self.round_index,
-            blend=blend,
-            drawn=self.drawn,
-            **clipped,
-        )
+            width, height, mean=self.mean, sigma=sigma, rho=rho, background=background, blend=blend,
+            round_index=self.round_index, drawn=self.drawn, **clipped,
+        )  # fmt: skip
 
 
 def _activate(

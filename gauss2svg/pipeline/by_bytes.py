@@ -185,12 +185,9 @@ class ByBytes:
             self._run.notify("fit", dataclasses.replace(now, done=done, remaining_s=left_s))
 
         session = FitSession(
-            subject.target(tune),
-            config,
-            progress=progress,
+            subject.target(tune), config, progress=progress, stop=self._stop,
             as_written=lambda scene, _: with_few_exponents(scene, exponents),
-            stop=self._stop,
-        )
+        )  # fmt: skip
         session.fit()
         self.fits.append(session.result())
         return scaled_to(session.scene(), subject.canvas)
