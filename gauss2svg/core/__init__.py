@@ -17,8 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.errors import refusal
+
+Floats = NDArray[np.float64]
+Reals = NDArray[np.floating]  # float32 or float64
 
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 _BASE = "v2"  # the library of every x86-64 CPU, which also says what the CPU supports

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.core import Kernel
+from gauss2svg.core import Floats, Kernel, Reals
 from gauss2svg.fit.target import Target
 from gauss2svg.without_scipy import smoothed
 
@@ -28,15 +28,15 @@ class NewGaussians(NamedTuple):
     The colours are taken from the target, or, with additive blending, from the residual.
     """
 
-    mean: NDArray[np.float64]
-    factor: NDArray[np.float64]
-    color: NDArray[np.float64]
+    mean: Floats
+    factor: Floats
+    color: Floats
 
 
 def place(
     placement: str,
     target: Target,
-    rendered: NDArray[np.floating],
+    rendered: Reals,
     count: int,
     total: int,
     rng: np.random.Generator,
@@ -74,7 +74,7 @@ class _Placer:
     def __init__(
         self,
         target: Target,
-        rendered: NDArray[np.floating],
+        rendered: Reals,
         spacing: float,
         rng: np.random.Generator,
         additive: bool,
@@ -174,11 +174,11 @@ class _Placer:
         factor = np.stack([sigma[:, 0], rho * sigma[:, 1], rest * sigma[:, 1]], axis=1)
         return NewGaussians(mean, factor, self._color_at(x, y))
 
-    def _color_at(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float64]:
+    def _color_at(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> Floats:
         return self._color[:, y, x].T.astype(np.float64)
 
     def _components(
-        self, count: int, bins: int = 8, weight: NDArray[np.floating] | None = None
+        self, count: int, bins: int = 8, weight: Reals | None = None
     ) -> tuple[Any, ...]:
         """Return the k <= `count` heaviest components, the heaviest first, as four arrays.
 
@@ -210,7 +210,7 @@ class _Placer:
         rank, area = rank[pixel], area[order]
         y, x = np.divmod(pixel, self._target.width)
 
-        def means(values: NDArray[np.number]) -> NDArray[np.float64]:
+        def means(values: NDArray[np.number]) -> Floats:
             return np.bincount(rank, values, len(area)) / area
 
         mx, my = means(x), means(y)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
+from gauss2svg.core import Floats, Reals
 from gauss2svg.fit import DEFAULT_LOSS, FitConfig
 from gauss2svg.fit.colors import InkColors, best_colors
 from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
@@ -91,7 +92,7 @@ class Population:
         """Return the Gaussians as the arrays that the kernels read."""
         return self.state.splats(self.background, self.config.fit.blend)
 
-    def rendered(self) -> NDArray[np.floating]:
+    def rendered(self) -> Reals:
         """Return the render of the Gaussians, an array of the shape of target.planar."""
         return self.target.rendered(self.splats())
 
@@ -251,7 +252,7 @@ class Population:
         self._add(rendered, count, total)
         return True
 
-    def _remove(self, count: int) -> NDArray[np.floating]:
+    def _remove(self, count: int) -> Reals:
         """Remove the `count` least useful Gaussians. Return the render with them."""
         rendered, cost = self.target.removal_cost(self.splats())
         keep = np.argsort(cost[:, 0], kind="stable")[count:]
@@ -356,7 +357,7 @@ class Population:
             state.raw_opacity[:] = OPAQUE_LOGIT
         return self._with_crisp_rims(state)
 
-    def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
+    def _add(self, rendered: Reals, count: int, total: int) -> None:
         if self.inks is not None:
             rendered = self.inks.reducible(self.target, rendered)
         additive = self.config.fit.blend == ADD
@@ -373,7 +374,7 @@ class Population:
         )  # fmt: skip
         self.state = self.state.append(self._inked(added))
 
-    def _overlap(self, new: NewGaussians) -> NDArray[np.float64]:
+    def _overlap(self, new: NewGaussians) -> Floats:
         """Return numbers (n,) >= 1 by which the colours of new additive Gaussians are divided.
 
         The number of a Gaussian is the sum of the falloffs of all new Gaussians at its mean, but at

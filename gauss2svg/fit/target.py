@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
+from gauss2svg.core import Floats, Reals
 from gauss2svg.errors import refusal
 from gauss2svg.fit import DEFAULT_LOSS, PERCEPTUAL, PSNR, LossFunction, LossName, has_ssim
 from gauss2svg.photo.pixels import BACKDROPS, Focus, has_alpha, shrunk
@@ -56,9 +57,9 @@ class LossAndGradient(NamedTuple):
 
     loss: float
     error: float
-    moments: NDArray[np.float64]
+    moments: Floats
     pairs: int
-    rendered: tuple[NDArray[np.floating], ...]
+    rendered: tuple[Reals, ...]
 
 
 class Target:
@@ -93,7 +94,7 @@ class Target:
 
     def __init__(
         self,
-        pixels: NDArray[np.floating],
+        pixels: Reals,
         tune: str,
         transform: Callable[[NDArray[Any]], NDArray[Any]] | None = None,
         mask: Focus | None = None,
@@ -111,7 +112,7 @@ class Target:
         self.is_transparent = alpha is not None
         if alpha is None:
             self.planar = self.source_color = color
-            self._views: list[tuple[NDArray[np.floating], float | None]] = [(color, None)]
+            self._views: list[tuple[Reals, float | None]] = [(color, None)]
         else:
             self.visible = visible = alpha >= 0.5 / 255
             self.source_color = _filled(color, visible)
@@ -119,13 +120,13 @@ class Target:
             self.planar = np.concatenate(composites)
             self._views = [(self.planar[3 * k : 3 * k + 3], b) for k, b in enumerate(BACKDROPS)]
         self.weight = weight = pixel_weight([planar for planar, _ in self._views], tune)
-        self.focus: NDArray[np.floating] | None = None
+        self.focus: Reals | None = None
         if mask is not None:
             self.focus = mask.weight(self.height, self.width).astype(planar.dtype)
             self.weight = self.focus * weight
             self.weight *= weight.mean() / self.weight.mean()
         self.has_ground = ground is not None
-        self._grounds: dict[float | None, NDArray[np.floating]] = {}
+        self._grounds: dict[float | None, Reals] = {}
         if ground is not None:
             from gauss2svg.render.areas import ground_of  # few fits need its kernels
 
@@ -142,7 +143,7 @@ class Target:
         return self._reduced[factor]
 
     @property
-    def visible_weight(self) -> NDArray[np.floating] | None:
+    def visible_weight(self) -> Reals | None:
         """Weight (h, w) that says how much an error at each pixel matters to a viewer.
 
         Its mean is 1. It is None if all weights are 1. In contrast to `weight`, it never contains
@@ -161,7 +162,7 @@ class Target:
             return splats._replace(ground=self._grounds[backdrop])
         return splats if backdrop is None else splats._replace(background=np.full(3, backdrop))
 
-    def opacity_logits(self, mean: NDArray[np.float64], usual_logit: float) -> NDArray[np.float64]:
+    def opacity_logits(self, mean: Floats, usual_logit: float) -> Floats:
         """Return the logits (n,) of the initial opacities of Gaussians with means `mean` (n, 2).
 
         The logit is `usual_logit` on an opaque target. On a target with alpha, the opacity is the
@@ -175,14 +176,12 @@ class Target:
         opacity = np.clip(opacity, 0.02, 0.98).astype(np.float64)
         return portable.log(opacity / (1 - opacity))
 
-    def rendered(self, splats: Splats) -> NDArray[np.floating]:
+    def rendered(self, splats: Splats) -> Reals:
         """Return the render of the Gaussians, an array of the shape of `planar`."""
         real, size = self.planar.dtype.type, (self.height, self.width)
         return joined([render_planar(self._over(splats, b), *size, real) for _, b in self._views])
 
-    def error_of(
-        self, rendered: NDArray[np.floating], planar: NDArray[np.floating] | None = None
-    ) -> float:
+    def error_of(self, rendered: Reals, planar: Reals | None = None) -> float:
         """Return the mean squared error of a render against `planar`, by default all of it."""
         squares = np.square(rendered - (self.planar if planar is None else planar))
         if self.focus is not None:
@@ -211,7 +210,7 @@ class Target:
             parts.append(LossAndGradient(value, error, moments, rows * 16, (image,)))
         return LossAndGradient(*(reduce(add, values) for values in zip(*parts, strict=True)))
 
-    def weighted_squares(self, rendered: NDArray[np.floating]) -> float:
+    def weighted_squares(self, rendered: Reals) -> float:
         """Return the sum of the squared errors of a render, weighted by `weight`.
 
         rendered: render of the shape of `planar`.
@@ -219,7 +218,7 @@ class Target:
         squares = np.square(rendered - self.planar) * self.weight
         return float(np.sum(squares, dtype=np.float64))
 
-    def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
+    def removal_cost(self, splats: Splats) -> tuple[Reals, Floats]:
         """Return the render, and an array (n, 2).
 
         The render has the shape of `planar`. The array has the removal cost and the mass of each
@@ -231,12 +230,12 @@ class Target:
         return joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 
-def joined(images: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
+def joined(images: Sequence[Reals]) -> Reals:
     """Return renders (3, h, w), one for each backdrop, as an array of the shape of `planar`."""
     return images[0] if len(images) == 1 else np.concatenate(images)
 
 
-def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[np.floating]:
+def _filled(color: Reals, visible: NDArray[np.bool_]) -> Reals:
     """Return `color` (3, h, w) with the colours of invisible pixels replaced.
 
     Each invisible pixel gets the colour of the nearest visible pixel, if there is one.
@@ -255,7 +254,7 @@ CONTRAST = 0.03  # c: standard deviation of luma (0..1) above which texture mask
 MOST_VARIANCE = 0.03  # m (docs/decisions/perceptual.md)
 
 
-def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.floating]:
+def pixel_weight(views: list[Reals], tune: str) -> Reals:
     """Return the weight (h, w) > 0 of the squared error at each pixel of a picture.
 
     views: the picture (3, h, w) over each of its backdrops, or only the picture if it is opaque.
@@ -273,14 +272,14 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     return weight.astype(views[0].dtype)
 
 
-def _slope_energy(luma: NDArray[np.floating]) -> NDArray[np.floating]:
+def _slope_energy(luma: Reals) -> Reals:
     """Smooth `luma` (h, w), and return the square of its gradient (h, w)."""
     luma = smoothed(luma, 1.0)
     axes = [axis for axis in (1, 0) if luma.shape[axis] > 1]
     return sum((np.square(np.gradient(luma, axis=axis)) for axis in axes), np.zeros_like(luma))
 
 
-def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
+def _local_variance(luma: Reals) -> Reals:
     mean = smoothed(luma, 2.0)
     return np.maximum(smoothed(luma * luma, 2.0) - mean * mean, 0)
 
@@ -292,11 +291,8 @@ SSIM_WEIGHT = 0.2
 
 
 def image_gradient(
-    loss: LossName | LossFunction,
-    rendered: NDArray[np.floating],
-    target: NDArray[np.floating],
-    focus: NDArray[np.floating] | None = None,
-) -> tuple[float, NDArray[np.floating]]:
+    loss: LossName | LossFunction, rendered: Reals, target: Reals, focus: Reals | None = None
+) -> tuple[float, Reals]:
     """Return the loss and its gradient (3, h, w) with respect to rendered (3, h, w).
 
     loss   a function, or mse or l1, which may be followed by +ssim
@@ -327,9 +323,7 @@ def image_gradient(
     return float(value), gradient
 
 
-def _by_function(
-    loss: LossFunction, rendered: NDArray[np.floating], target: NDArray[np.floating]
-) -> tuple[float, NDArray[np.floating]]:
+def _by_function(loss: LossFunction, rendered: Reals, target: Reals) -> tuple[float, Reals]:
     """Return the loss of a function and its gradient, as image_gradient does.
 
     Raise InputError if the loss is below 0, because the guard against divergence compares ratios,
@@ -356,10 +350,8 @@ def _by_function(
 
 
 def structural_similarity(
-    image: NDArray[np.floating],
-    target: NDArray[np.floating],
-    focus: NDArray[np.floating] | None = None,
-) -> tuple[float, NDArray[np.floating]]:
+    image: Reals, target: Reals, focus: Reals | None = None
+) -> tuple[float, Reals]:
     """Return the mean SSIM of two planes (h, w), and its gradient (h, w) multiplied by h w.
 
     The gradient is the derivative of the mean SSIM with respect to each pixel of `image`. In the
@@ -388,10 +380,10 @@ def structural_similarity(
     # diverged.
     weight = 1 if focus is None else focus[windows] / focus[windows].mean()
 
-    def blurred(plane: NDArray[np.floating]) -> NDArray[np.floating]:
+    def blurred(plane: Reals) -> Reals:
         return smoothed(plane, 1.5, radius / 1.5)
 
-    def gathered(slope: NDArray[np.floating]) -> NDArray[np.floating]:
+    def gathered(slope: Reals) -> Reals:
         padded = np.zeros_like(image)
         padded[windows] = slope * weight
         return blurred(padded)
