@@ -11,9 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast, get_args
 
-from gauss2svg.errors import InputError, nearest, quoted, refusal
+from gauss2svg.errors import InputError as InputError
+from gauss2svg.errors import nearest, quoted, refusal
 from gauss2svg.fit import schedule
-from gauss2svg.fit.schedule import refinement_reduction, totals
+from gauss2svg.fit.schedule import doubled, refinement_reduction
 from gauss2svg.options import Field, Interval, OptionGroup, Seed
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import MOST_TONES, Inks, check_inks, check_paper
@@ -146,17 +147,6 @@ class DensifyOptions(OptionGroup):
     error. error: at random, more often where the squared error is larger. random: anywhere. live:
     as in the LIVE paper. --tune perceptual weights the error."""
 
-    schedule: Literal["exponential", "linear", "all-at-once"] = "exponential"
-    """How the number of Gaussians grows over the rounds in which a fit adds them. Applies to a
-    given --gaussians."""
-
-    per_round: Annotated[int | None, Interval(ge=1, le=MOST_GAUSSIANS)] = None
-    """Number of Gaussians added in each round. exponential adds 1, 2, 4, ... up to this number.
-    Needs --gaussians."""
-
-    round_iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
-    """Number of steps of the fit in each round. Needs --gaussians."""
-
     relocate: bool = True
     """During the fit, move the least useful Gaussians to where the error is large."""
 
@@ -172,6 +162,10 @@ class FitConfig:
                 Gaussians, because such steps are faster
     extend      whether the number of iterations is doubled if most of them run on a smaller copy
     opaque      whether all opacities stay 1, which makes files shorter
+    round_totals  total number of Gaussians after each round, of which the last is `gaussians`. If
+                it is empty, each round doubles the number
+    round_iterations  number of steps in each round. If it is None, the rounds share the first
+                GROWTH_SHARE of the iterations equally
     relocate_rarely  whether the number of steps between two relocations must be at least a
                 twentieth of the number of all steps. Fits of many steps need this
     """
@@ -183,33 +177,21 @@ class FitConfig:
     reduce: bool = True
     extend: bool = False
     opaque: bool = False
+    round_totals: tuple[int, ...] = ()
+    round_iterations: int | None = None
     relocate_rarely: bool = False
 
     def __post_init__(self) -> None:
         Field("gaussians", int, 0, MOST_GAUSSIANS).checked(self.gaussians)
         Field("iterations", int, 1, 10**9).checked(self.iterations)
-        fit, densify = self.fit, self.densify
-        if fit.blend == ADD and fit.falloff not in (None, GAUSSIAN):
+        if self.fit.blend == ADD and self.fit.falloff not in (None, GAUSSIAN):
             needed = f"{GAUSSIAN} with additive blending"
-            raise refusal("falloff", needed, quoted(fit.falloff), f"--blend {OVER}")
-        each, per_round = densify.round_iterations, densify.per_round
-        if per_round is not None and densify.schedule == "all-at-once":
-            needed = "exponential or linear if per_round is given"
-            raise refusal("schedule", needed, quoted(densify.schedule))
-        if each or per_round:
-            steps = self.iterations if each else int(self.iterations * schedule.GROWTH_SHARE)
-            rounds = len(self.totals)
-            if rounds * (each or 1) > steps:
-                raise InputError(
-                    f"iterations must leave room for {rounds} rounds of {each or 1} or more; got "
-                    f"{steps} for the rounds. Try more --iterations or fewer rounds"
-                )
+            raise refusal("falloff", needed, quoted(self.fit.falloff), f"--blend {OVER}")
 
     @property
     def totals(self) -> list[int]:
         """Total number of Gaussians after each round, in ascending order."""
-        densify = self.densify
-        return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
+        return list(self.round_totals) or doubled(self.gaussians, self.iterations)
 
     def steps(self, width: int, height: int) -> int:
         """Return the number of steps for a picture of width x height px."""

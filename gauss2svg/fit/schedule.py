@@ -6,7 +6,6 @@ larger of the two values counts.
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -26,33 +25,14 @@ FULL_FROM = 0.55  # progress from which targets have their full size (docs/decis
 NEGLIGIBLE = 1e-5
 
 
-def totals(
-    schedule: str, gaussians: int, iterations: int, per_round: int | None = None
-) -> list[int]:
-    """Return the number of Gaussians after each round. After the last round it is `gaussians`.
+def doubled(gaussians: int, iterations: int) -> list[int]:
+    """Return the number of Gaussians after each round, if each round doubles it.
 
-    gaussians   number >= 0. If it is 0, there are no rounds
-    schedule    "exponential": each round doubles the number. "linear": each round adds the same
-                number. "all-at-once": there is only one round
-    iterations  number of steps
-    per_round   number of Gaussians that a linear round adds, >= 1. An exponential round
-                i = 0, 1, .. adds min(2^i, per_round), as in the paper. If per_round is None, there
-                are at most ROUNDS rounds, and at most as many rounds as iterations
+    After the last round it is `gaussians`. There are at most ROUNDS rounds, and at most as many as
+    iterations. If `gaussians` is 0, there are none.
     """
-    if per_round is not None:
-        is_doubled = schedule == "exponential"
-        added = (min(2**i, per_round) if is_doubled else per_round for i in itertools.count())
-        counts = [*itertools.takewhile(gaussians.__gt__, itertools.accumulate(added)), gaussians]
-    elif schedule == "all-at-once":
-        counts = [gaussians]
-    else:
-        count = min(ROUNDS, iterations)
-        exact = (
-            gaussians * 0.5 ** (count - r) if schedule == "exponential" else gaussians * r / count
-            for r in range(1, count + 1)
-        )
-        counts = map(math.ceil, exact)
-    return sorted(set(counts) - {0})
+    halvings = range(min(ROUNDS, iterations))
+    return sorted({math.ceil(gaussians * 0.5**k) for k in halvings} - {0})
 
 
 def reduction(gaussians: int, width: int, height: int) -> int:
@@ -193,7 +173,7 @@ class Clock:
         """
         if self.stopped():
             return 1.0
-        by_steps = (self.iteration - self._first_step) / self._steps if self._steps else 1.0
+        by_steps = (self.iteration - self._first_step) / self._steps if self._steps > 0 else 1.0
         by_time = self.share_of_time(self._start_s)
         if not self._reduced:
             self.out_of_time = by_time > by_steps

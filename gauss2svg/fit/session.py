@@ -136,9 +136,7 @@ class FitSession:
         self.config = config
         self.policy = policy or DensificationPolicy(config)
         steps = config.steps(target.width, target.height)
-        self.clock = Clock(
-            steps, self.policy.rounds, deadline, config.densify.round_iterations, stop
-        )
+        self.clock = Clock(steps, self.policy.rounds, deadline, config.round_iterations, stop)
         self.population = Population(target, config)
         self.guard = DivergenceGuard(config.fit.learning_rate)
         self.pixel_pairs = 0

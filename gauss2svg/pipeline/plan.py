@@ -305,23 +305,21 @@ class Plan:
     @cached_property
     def fit_config(self) -> FitConfig:
         """Configuration of the fit by count."""
-        fit, densify, goal = self.options.fit, self.options.densify, self.goal
-        steps = self.preset.iterations
+        fit, goal, each, steps = self.options.fit, self.goal, None, self.preset.iterations
         if self.only_time_limits and fit.iterations is None:
             # More than 1000 steps gain nothing. The time is better spent on steps in which all
             # Gaussians exist than on rounds of growth (docs/decisions/time.md).
-            steps, densify = 1000, dataclasses.replace(densify, round_iterations=6)
+            steps, each = 1000, 6
         if self.in_areas and fit.falloff is None:
             # Areas have the crisp edges. Each further falloff takes a definition in the file.
             fit = dataclasses.replace(fit, falloff=GAUSSIAN)
         return FitConfig(
             gaussians=0 if goal.count_adapts else goal.count or 0,
-            iterations=fit.iterations or steps,
-            fit=fit,
-            densify=densify,
+            iterations=fit.iterations or steps, round_iterations=each,
+            fit=fit, densify=self.options.densify,
             extend=fit.iterations is None and not goal.count_adapts,
             relocate_rarely=goal.is_budget or self.only_time_limits,
-        )
+        )  # fmt: skip
 
     @cached_property
     def markup(self) -> Markup:
@@ -466,7 +464,7 @@ def _without_areas(options: Options) -> dict[str, object]:
 
 def _conflicts(options: Options) -> Iterator[tuple[str, str, object, str]]:
     """Yield for each conflict the name of an option, the rule it breaks, its value, and advice."""
-    goal, fit, svg, densify = options.goal, options.fit, options.svg, options.densify
+    goal, fit, svg = options.goal, options.fit, options.svg
     layered, inks, tones = _layered(options), fit.inks, fit.overprint
     if svg.areas == ALWAYS:
         for name, value in _without_areas(options).items():
@@ -496,10 +494,6 @@ def _conflicts(options: Options) -> Iterator[tuple[str, str, object, str]]:
             yield "inks", "be another colour than the paper", inks, '--inks "#0078bf,#ff48b0"'
     elif tones is not None:
         yield "overprint", "be given with inks that are listed", tones, '--inks "#0078bf,#ff48b0"'
-    for name in ("per_round", "round_iterations", "schedule") if goal.count_adapts else ():
-        if (value := getattr(densify, name)) != getattr(DensifyOptions, name):
-            rule = "be given with a number of Gaussians, and without a target or limit"
-            yield name, rule, value, "--gaussians 1000 alone"
     score = None if goal.target is None or goal.target.always else goal.target
     if options.run.scores or score is not None:
         require_packages(score)

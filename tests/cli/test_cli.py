@@ -153,7 +153,7 @@ MISTAKES = [
     ("PHOTO --options o.toml", "--options must be given with gauss2svg batch; got it with "
      "gauss2svg PHOTO. Try gauss2svg batch --help"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
-    ("bench PHOTO -o FOLDER/x --axis schedule", "axes: schedule must be given with a number"),
+    ("bench PHOTO -o FOLDER/x --axis count_gzipped", "axes: count_gzipped must be given with max"),
     ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "LABEL=FOLDER; got 'jpeg:31'"),
     ("bench PHOTO -o FOLDER/x --peers draft=.", "and a folder or CSV that exists; got 'draft=.'"),
     ("bench -o FOLDER/x --from FOLDER", "--from must be the output folder of gauss2svg batch; got"),

@@ -16,10 +16,7 @@ from gauss2svg.pipeline.options import GROUPS, OPTIONS, Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
 
 # Options that are valid only beside another one of this value.
-BESIDE = {
-    "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
-    "schedule": {"gaussians": 100}, "count_gzipped": {"max_bytes": 40_000},
-}  # fmt: skip
+BESIDE = {"count_gzipped": {"max_bytes": 40_000}}
 _OF_A_CALL = ("focus", "start", "progress", "stop", "started")
 
 
@@ -29,7 +26,7 @@ def vectorize(image: Any, **given: Any) -> Result:
     return vectorize_by(Options.from_flat(given), image, **of_call)
 
 
-def fit_config(gaussians: int = 5000, iterations: int | None = 200, **given: Any) -> FitConfig:
+def fit_config(gaussians: int = 5000, iterations: int = 200, **given: Any) -> FitConfig:
     """All that a fit goes by, of options by their names."""
     groups = {
         name: kind(**{f.name: given.pop(f.name) for f in fields_of(kind) if f.name in given})

@@ -31,10 +31,7 @@ CHANGED = {
     "renderer": "cairo", "scores": True, "max_size": 200, "full_size": True, "areas": "always",
 }  # fmt: skip
 # Options that those exclude.
-OTHERS = {
-    "gaussians": 100, "per_round": 50, "round_iterations": 9, "schedule": "linear",
-    "target_ssimulacra2": 55,
-}  # fmt: skip
+OTHERS = {"gaussians": 100, "target_ssimulacra2": 55}
 
 
 def test_every_option_is_described_except_the_servers_own():
