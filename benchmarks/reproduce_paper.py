@@ -121,7 +121,7 @@ def fit(
          "tune": "psnr"}
     )  # fmt: skip
     config = FitConfig(
-        gaussians=gaussians, iterations=iterations, fit=options.fit, densify=options.densify,
+        gaussians=gaussians, iterations=iterations, fit=options.fit,
         reduce=not even, round_totals=totals(schedule, gaussians, rounds if even else 0),
         round_iterations=(share * rounds if schedule == AT_ONCE else share) if even else None,
     )  # fmt: skip

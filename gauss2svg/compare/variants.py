@@ -211,7 +211,7 @@ AXES: dict[str, Field] = {
     field.name: replace(field, name=f"axis {field.name}")
     for key, group in GROUPS.items()
     for field in fields_of(group)
-    if (key in ("goal", "fit", "densify", "svg") and field.name != "seed")
+    if (key in ("goal", "fit", "svg") and field.name != "seed")
     or field.name in ("renderer", "max_size")
 }
 

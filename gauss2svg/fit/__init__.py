@@ -63,7 +63,7 @@ def has_ssim(loss: LossName | LossFunction) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(OptionGroup):
-    """Options of the model and of the optimiser, as they are passed to vectorize."""
+    """Options of the model, of the optimiser, and of adding Gaussians during the fit."""
 
     iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
     """Number of steps of the fit, each of which moves all shapes a little. The default depends on
@@ -109,6 +109,14 @@ class FitOptions(OptionGroup):
     of theirs and the paper's. The number is that of the strengths of each ink. 1 is solid ink
     alone, 3 also prints thirds of it, as greys of its plate."""
 
+    init: Literal["selective", "error", "random", "live"] = "selective"
+    """Where new Gaussians are placed, which become the shapes. selective: on the areas with most
+    error. error: at random, more often where the squared error is larger. random: anywhere. live:
+    as in the LIVE paper. --tune perceptual weights the error."""
+
+    relocate: bool = True
+    """During the fit, move the least useful Gaussians to where the error is large."""
+
     seed: Seed = 0
     """Random seed. The same seed gives the same file. Another seed often does too, because few
     choices are random by default."""
@@ -139,21 +147,8 @@ class FitOptions(OptionGroup):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DensifyOptions(OptionGroup):
-    """Options for adding and relocating Gaussians during the fit."""
-
-    init: Literal["selective", "error", "random", "live"] = "selective"
-    """Where new Gaussians are placed, which become the shapes. selective: on the areas with most
-    error. error: at random, more often where the squared error is larger. random: anywhere. live:
-    as in the LIVE paper. --tune perceptual weights the error."""
-
-    relocate: bool = True
-    """During the fit, move the least useful Gaussians to where the error is large."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class FitConfig:
-    """Settings of `fit`: two groups of options, and values from the run's preset and limits.
+    """Settings of `fit`: its options, and values from the run's preset and limits.
 
     gaussians   number of Gaussians, >= 0. If it is 0, the policy of the fit decides the number.
                 Without a policy, the scene then has no Gaussians
@@ -173,7 +168,6 @@ class FitConfig:
     gaussians: int = 5000
     iterations: int = 200
     fit: FitOptions = FitOptions()
-    densify: DensifyOptions = DensifyOptions()
     reduce: bool = True
     extend: bool = False
     opaque: bool = False

@@ -44,7 +44,7 @@ def place(
 ) -> NewGaussians:
     """Return `count` new Gaussians, which are to be added to a scene.
 
-    placement  one of the values of DensifyOptions.init
+    placement  one of the values of FitOptions.init
     rendered   render of the scene so far, an array of the shape of target.planar
     total      number of Gaussians of the scene, including the new ones
     additive   whether new Gaussians get their colours from the residual instead of the target

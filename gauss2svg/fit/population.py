@@ -361,9 +361,7 @@ class Population:
         if self.inks is not None:
             rendered = self.inks.reducible(self.target, rendered)
         additive = self.config.fit.blend == ADD
-        new = place(
-            self.config.densify.init, self.target, rendered, count, total, self.rng, additive
-        )
+        new = place(self.config.fit.init, self.target, rendered, count, total, self.rng, additive)
         opacity = self.target.opacity_logits(new.mean, self._first_raw_opacity)
         color = new.color
         if additive:

@@ -335,7 +335,7 @@ class FitSession:
         """
         population, guard = self.population, self.guard
         is_due = schedule.relocates(done, self.clock.iteration, self.config.relocate_rarely)
-        is_due &= self.config.densify.relocate and self._error > NEGLIGIBLE
+        is_due &= self.config.fit.relocate and self._error > NEGLIGIBLE
         if is_due and population.relocate():
             guard.allow_rise()
         if population.inks is not None and self.clock.iteration % 20 == 0:

@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
+from gauss2svg.fit import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.fit.session import FitSession
 from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, psnr_of, shrunk, views
@@ -164,7 +164,7 @@ class ByBytes:
     def _fit(self, count: int, init: str, exponents: Exponents, rate: float) -> Scene:
         """Fit `count` shapes. Return the scene, scaled to the canvas.
 
-        init  way in which the fit places shapes, as in DensifyOptions
+        init  way in which the fit places shapes, as in FitOptions
         rate  factor on the learning rate
         """
         subject, options = self.subject, self._plan.options.fit
@@ -172,8 +172,7 @@ class ByBytes:
         config = FitConfig(
             gaussians=count,
             iterations=options.iterations or (600 if self._is_flat else ITERATIONS),
-            fit=dataclasses.replace(options, tune=tune, learning_rate=rate),
-            densify=DensifyOptions(init=init),  # pyright: ignore[reportArgumentType]
+            fit=dataclasses.replace(options, tune=tune, learning_rate=rate, init=init),  # pyright: ignore[reportArgumentType]
             reduce=False,
             opaque=not has_alpha(subject.working),
         )

@@ -1,4 +1,4 @@
-"""The options of a run in six groups, and the progress that a run reports.
+"""The options of a run in five groups, and the progress that a run reports.
 
 The command line and the report are derived from the options.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_type_hints
 
 from gauss2svg.errors import InputError, instance, nearest, quoted, refusal
-from gauss2svg.fit import MOST_GAUSSIANS, DensifyOptions, FitOptions, FitProgress
+from gauss2svg.fit import MOST_GAUSSIANS, FitOptions, FitProgress
 from gauss2svg.measure import TARGETS, Score, color_name
 from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, fields_of
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
@@ -187,7 +187,6 @@ GROUP_TITLES = {
     "document": "Document",
     "run": "Measuring and resources",
     "fit": "Fit",
-    "densify": "Adding shapes",
 }
 
 
@@ -197,7 +196,6 @@ class Options:
 
     goal: Goal = Goal()
     fit: FitOptions = FitOptions()
-    densify: DensifyOptions = DensifyOptions()
     svg: SvgOptions = SvgOptions()
     document: Document = Document()
     run: RunOptions = RunOptions()

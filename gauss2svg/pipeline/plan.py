@@ -22,8 +22,8 @@ from gauss2svg.fit import (
     GAUSSIAN,
     MOST_GAUSSIANS,
     PSNR,
-    DensifyOptions,
     FitConfig,
+    FitOptions,
     Tune,
 )
 from gauss2svg.measure import Score, Search, require_packages
@@ -315,11 +315,12 @@ class Plan:
             fit = dataclasses.replace(fit, falloff=GAUSSIAN)
         return FitConfig(
             gaussians=0 if goal.count_adapts else goal.count or 0,
-            iterations=fit.iterations or steps, round_iterations=each,
-            fit=fit, densify=self.options.densify,
+            iterations=fit.iterations or steps,
+            fit=fit,
+            round_iterations=each,
             extend=fit.iterations is None and not goal.count_adapts,
             relocate_rarely=goal.is_budget or self.only_time_limits,
-        )  # fmt: skip
+        )
 
     @cached_property
     def markup(self) -> Markup:
@@ -335,7 +336,7 @@ class Plan:
         """Whether the search for shapes is a search by bytes. Otherwise it is one by count."""
         fit, svg, limit = self.options.fit, self.options.svg, self.uncompressed_limit
         is_small = limit is not None and limit <= BY_BYTES_UP_TO and self.markup == MINIMAL
-        is_usual = self.options.densify == DensifyOptions() and fit.loss == DEFAULT_LOSS
+        is_usual = fit.init == FitOptions.init and fit.relocate and fit.loss == DEFAULT_LOSS
         is_usual &= fit.blend == OVER and svg.palette is svg.stops is svg.precision is None
         return is_small and is_usual and not (self.in_inks or self.starts or self.aim)
 

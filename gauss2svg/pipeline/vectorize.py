@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gauss2svg.areas.pixels import Sprite, sprite_of
 from gauss2svg.errors import InputError, instance, refusal, required
 from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
-from gauss2svg.fit import DensifyOptions, FitOptions
+from gauss2svg.fit import FitOptions
 from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
@@ -176,7 +176,6 @@ def vectorize(
     max_bytes: int | str | None = None,
     time_limit: float | None = None,
     fit: FitOptions | None = None,
-    densify: DensifyOptions | None = None,
     svg: SvgOptions | None = None,
     document: Document | None = None,
     run: RunOptions | None = None,
@@ -192,7 +191,7 @@ def vectorize(
     goal      targets and limits. Its fields quality, gaussians, target_psnr, target_ssimulacra2,
               max_bytes and time_limit may also be given as keywords of this function:
               vectorize("photo.jpg", max_bytes="500k")
-    fit, densify, svg, document, run
+    fit, svg, document, run
               less common options. Each class documents its fields
     focus     mask of the photo's proportions, like image: white where detail matters
     start     scene whose shapes are scaled to the photo and refined, in place of a new fit

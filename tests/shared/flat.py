@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.compare.pages import GalleryOptions
-from gauss2svg.fit import DensifyOptions, FitConfig, FitOptions
+from gauss2svg.fit import FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import Target
 from gauss2svg.options import fields_of
@@ -28,11 +28,8 @@ def vectorize(image: Any, **given: Any) -> Result:
 
 def fit_config(gaussians: int = 5000, iterations: int = 200, **given: Any) -> FitConfig:
     """All that a fit goes by, of options by their names."""
-    groups = {
-        name: kind(**{f.name: given.pop(f.name) for f in fields_of(kind) if f.name in given})
-        for name, kind in {"fit": FitOptions, "densify": DensifyOptions}.items()
-    }
-    return FitConfig(gaussians=gaussians, iterations=iterations, **groups, **given)
+    options = {f.name: given.pop(f.name) for f in fields_of(FitOptions) if f.name in given}
+    return FitConfig(gaussians=gaussians, iterations=iterations, fit=FitOptions(**options), **given)
 
 
 def session_of(pixels: NDArray[np.float32], config: FitConfig, *given: Any, **more: Any):
