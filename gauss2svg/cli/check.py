@@ -52,7 +52,7 @@ class CheckOutput(OptionGroup):
     """Save all measurements as a JSON file, or print them on standard output with -. Those of a
     table are a list."""
 
-    min_psnr: Annotated[float | None, Interval(gt=0, le=1e9)] = None
+    min_psnr: Annotated[float | None, Interval(ge=0.01, le=1e9)] = None
     """PSNR (dB) below which the exit status is 1. A transparent photo must reach it over white and
     over black. Files are written in either case."""
 

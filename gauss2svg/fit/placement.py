@@ -127,7 +127,7 @@ class _Placer:
         stretched. Its direction and the ratio of its axes follow from the second moments of the
         component.
         """
-        squares = None if self._target.has_ground else np.square(self._residual).sum(axis=0)
+        squares = None if self._target.ground else np.square(self._residual).sum(axis=0)
         area, center, (xx, xy, yy), color = self._components(
             count, 8 if squares is None else 4, squares
         )

@@ -125,7 +125,6 @@ class Target:
             self.focus = mask.weight(self.height, self.width).astype(planar.dtype)
             self.weight = self.focus * weight
             self.weight *= weight.mean() / self.weight.mean()
-        self.has_ground = ground is not None
         self._grounds: dict[float | None, Reals] = {}
         if ground is not None:
             from gauss2svg.render.areas import ground_of  # few fits need its kernels

@@ -43,7 +43,7 @@ class Goal(OptionGroup):
     """Number of shapes. auto adapts it (default). With a target, the maximum."""
 
     target_psnr: Annotated[
-        float | None, Interval(gt=0, le=_MOST_DECIBELS), "30 to 40, at which photos look good"
+        float | None, Interval(ge=0.01, le=_MOST_DECIBELS), "30 to 40, at which photos look good"
     ] = None
     """PSNR (dB) to reach with the fewest shapes."""
 
@@ -55,7 +55,7 @@ class Goal(OptionGroup):
     max_bytes: Annotated[int | str | None, byte_size] = None
     """Write the best picture within this size: 150k."""
 
-    time_limit: Annotated[float | None, Interval(gt=0, le=1e9)] = None
+    time_limit: Annotated[float | None, Interval(ge=0.001, le=1e9)] = None
     """Write the best picture within this time (s)."""
 
     def __post_init__(self) -> None:

@@ -25,8 +25,9 @@ from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptio
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.report import run_report
-from gauss2svg.pipeline.run import Load, Run, load_of, size_that_fits, watched
+from gauss2svg.pipeline.run import Load, Run, load_of, size_that_fits
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import inks_in

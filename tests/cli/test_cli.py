@@ -125,7 +125,7 @@ MISTAKES = [
     ("PHOTO -o FOLDER/o.png", "--output must be a name that ends in .svg or .svgz"),
     ("PHOTO -o OUT --report FOLDER/a.png", "a name that ends in .json"),
     ("PHOTO -o OUT --quiet=yes", "--quiet: ignored explicit argument 'yes'"),
-    ("PHOTO -o OUT --time-limit nan", "--time-limit must be a number above 0 and at most 1e+09"),
+    ("PHOTO -o OUT --time-limit nan", "--time-limit must be a number in 0.001..1e+09"),
     ("PHOTO -o OUT --focus no.png", "focus must be a picture, but cannot read no.png"),
     ("PHOTO -o OUT --focus-strength 3", "--focus-strength must be given with a mask; got 3"),
     ("PHOTO -o OUT --focus FOLDER/m.png --preview FOLDER/m.png", "m.png, which is also the mask"),
@@ -150,8 +150,7 @@ MISTAKES = [
     ("placeholder PHOTO --format html -o OUT", "a name for the format html; got"),
     ("check a.svg", "SVG must be given; got none. Try gauss2svg check"),
     ("PHOTO --treads 2", "must be an option; got an unknown one. Try --threads"),
-    ("PHOTO --options o.toml", "--options must be given with gauss2svg batch; got it with "
-     "gauss2svg PHOTO. Try gauss2svg batch --help"),
+    ("PHOTO --scheduler tcp://a", "--scheduler must be an option; got an unknown one"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
     ("bench PHOTO -o FOLDER/x --axis count_gzipped", "axes: count_gzipped must be given with max"),
     ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "LABEL=FOLDER; got 'jpeg:31'"),
@@ -169,7 +168,7 @@ MISTAKES = [
     ("PHOTO -o OUT --plot p.svg --sheet 20x20mm", "margin must be smaller for a sheet of 20x20mm"),
     ("check - -", "files must be one photo and then SVGs; got -, -"),
     ("check PHOTO a.svg --heatmap x.png --preview x.png", "is also another output"),
-    ("check PHOTO a.svg --draw-timeout nan", "number above 0 and at most 86400; got nan"),
+    ("check PHOTO a.svg --draw-timeout nan", "number in 0.001..86400; got nan"),
     ("check PHOTO a.svg --reference-scale 3", "reference must be given"),
 ]  # fmt: skip
 

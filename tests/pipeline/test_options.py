@@ -46,7 +46,7 @@ def beyond(field) -> list:
     if field.kind is int:
         return [field.least - 1, field.most + 1, field.least + 0.5, True]
     if field.kind is float:
-        below = field.least if field.is_above else math.nextafter(field.least, -math.inf)
+        below = math.nextafter(field.least, -math.inf)
         return [below, -math.inf, math.inf, math.nextafter(field.most, math.inf), True]
     return ["bogus"] if field.choices else []
 
