@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_type_hints
 
-from gauss2svg.errors import InputError, instance, nearest, quoted, refusal
+from gauss2svg.errors import InputError, nearest, quoted, refusal
 from gauss2svg.fit import MOST_GAUSSIANS, FitOptions, FitProgress
 from gauss2svg.measure import TARGETS, Score, color_name
 from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, fields_of
@@ -201,21 +201,6 @@ class Options:
     run: RunOptions = RunOptions()
 
     @classmethod
-    def of_call(cls, arguments: Mapping[str, Any]) -> Options:
-        """Return the options that were given in a call of `vectorize`.
-
-        arguments  all arguments of the call by name: groups of options, and single fields of Goal
-        Raise TypeError if arguments["unknown"] is not empty. If the unknown name is an option of a
-        group, the error says to which class it belongs.
-        """
-        for name in arguments["unknown"]:
-            raise unknown_keyword(name, "vectorize")
-        groups = {key: instance(arguments[key], key, group) for key, group in GROUPS.items()}
-        goals = {field.name: arguments[field.name] for field in fields_of(Goal)}
-        given = {name: value for name, value in goals.items() if value is not None}
-        return cls(**groups).changed(**given)
-
-    @classmethod
     def from_flat(cls, values: Mapping[str, Any]) -> Options:
         """Return options with the given values, which are named as in `flat`.
 
@@ -248,21 +233,6 @@ class Options:
 GROUPS: dict[str, type[OptionGroup]] = get_type_hints(Options)
 # The name of each option, with the key of its group.
 OPTIONS = {field.name: key for key, group in GROUPS.items() for field in fields_of(group)}
-
-
-def unknown_keyword(name: str, function: str, form: str = "{}") -> TypeError:
-    """Return the error for a keyword that a function does not have.
-
-    If the keyword is an option, the message says to which class it belongs.
-
-    form  text of the argument to which a group of options belongs, with {} for the group
-    """
-    if name not in OPTIONS:
-        close = nearest(name, OPTIONS)
-        got = quoted(name) + (f". Try {close}" if close else "")
-        return TypeError(f"option must be one of {function} or of its classes; got {got}")
-    where = form.format(f"{OPTIONS[name]}={GROUPS[OPTIONS[name]].__name__}({name}=...)")
-    return TypeError(f"{name} belongs to {where}; got {name}=... for {function} itself")
 
 
 @dataclass(frozen=True)

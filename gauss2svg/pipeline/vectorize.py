@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Never
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,14 @@ from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
 from gauss2svg.photo.pixels import Header, Photo, averaged, matte_color, pixels_of, shrunk
-from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
+from gauss2svg.pipeline.options import (
+    GROUPS,
+    Goal,
+    Options,
+    ProgressCallback,
+    RunOptions,
+    SvgOptions,
+)
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
@@ -170,12 +177,6 @@ def vectorize(
     image: ImageSource,
     goal: Goal | None = None,
     *,
-    quality: str | None = None,
-    gaussians: int | str | None = None,
-    target_psnr: float | None = None,
-    target_ssimulacra2: float | None = None,
-    max_bytes: int | str | None = None,
-    time_limit: float | None = None,
     fit: FitOptions | None = None,
     svg: SvgOptions | None = None,
     document: Document | None = None,
@@ -184,14 +185,12 @@ def vectorize(
     start: Scene | None = None,
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
-    **unknown: Never,
+    **options: Any,
 ) -> Result:
     """Fit Gaussians to a photo, write them as an SVG, and measure how close it is to the photo.
 
     image     path, bytes, binary file, PIL image, numpy array or torch tensor
-    goal      targets and limits. Its fields quality, gaussians, target_psnr, target_ssimulacra2,
-              max_bytes and time_limit may also be given as keywords of this function:
-              vectorize("photo.jpg", max_bytes="500k")
+    goal      targets and limits
     fit, svg, document, run
               less common options. Each class documents its fields
     focus     mask of the photo's proportions, like image: white where detail matters
@@ -200,6 +199,7 @@ def vectorize(
               or the forming picture in a notebook. By default nothing is shown
     stop      function that is called at every step. If it returns True, the run ends with the
               best result so far
+    options   fields of these classes by their names: vectorize("photo.jpg", max_bytes="500k")
 
     With a target, a given number of Gaussians is an upper bound. The first limit that is reached
     ends the run, and the report names it as stop_reason. Targets and limits that are missed are in
@@ -207,14 +207,15 @@ def vectorize(
     smaller image.
     For the report and the targets, the SVG is measured at the size of the fit, or at 1 megapixel if
     that is larger. With RunOptions.full_size it is measured at the size of the photo.
-    Raise InputError for invalid input, RendererError for a missing renderer, and TypeError for an
-    unknown keyword. If the keyword is an option of a group, the error names the group's class.
-    If several threads call this function, they wait for each other. A forked process may call it
-    too.
+    Raise InputError for invalid input or an unknown option, and RendererError for a missing
+    renderer. If several threads call this function, they wait for each other. A forked process may
+    call it too.
     """
-    options = Options.of_call(locals())
+    given = {"goal": goal, "fit": fit, "svg": svg, "document": document, "run": run}
+    groups: dict[str, Any] = {key: instance(given[key], key, kind) for key, kind in GROUPS.items()}
+    chosen = Options(**groups).changed(**options)
     with watched(progress) as callback:
-        return vectorize_by(options, image, focus=focus, start=start, progress=callback, stop=stop)
+        return vectorize_by(chosen, image, focus=focus, start=start, progress=callback, stop=stop)
 
 
 def vectorize_by(
