@@ -16,15 +16,7 @@ from gauss2svg.fit import DEFAULT_LOSS, FitConfig
 from gauss2svg.fit.colors import InkColors, best_colors
 from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
 from gauss2svg.fit.schedule import reduction, refinement_reduction
-from gauss2svg.fit.state import (
-    COLOR,
-    COLUMNS,
-    LEAST_FITTED_SIGMA,
-    OPAQUE_LOGIT,
-    State,
-    columns_of,
-    step,
-)
+from gauss2svg.fit.state import COLUMNS, LEAST_FITTED_SIGMA, OPAQUE_LOGIT, State, columns_of, step
 from gauss2svg.fit.target import LossAndGradient, Target, joined
 from gauss2svg.photo.pixels import has_alpha, psnr_of
 from gauss2svg.render.cpu import Splats
@@ -152,8 +144,9 @@ class Population:
         columns = columns_of(self.config.fit, self.config.opaque, shares)
         moments = evaluated.moments
         if self.shared is not None:
-            sums = [np.bincount(self.shared, column) for column in moments[:, COLOR].T]
-            moments[:, COLOR] = np.stack(sums, axis=1)[self.shared]
+            color = moments[:, COLUMNS["color"]]
+            sums = [np.bincount(self.shared, column) for column in color.T]
+            color[:] = np.stack(sums, axis=1)[self.shared]
         finite = step(
             self.state, moments, splats, columns, most_sigma, price, rate, self._least_sigma
         )

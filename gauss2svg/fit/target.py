@@ -18,7 +18,7 @@ then means that are weighted by the mask.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import reduce
 from operator import add
 from typing import Any, NamedTuple
@@ -31,13 +31,8 @@ from gauss2svg.core import Floats, Reals
 from gauss2svg.errors import refusal
 from gauss2svg.fit import DEFAULT_LOSS, PERCEPTUAL, PSNR, LossFunction, LossName, has_ssim
 from gauss2svg.photo.pixels import BACKDROPS, Focus, has_alpha, shrunk
-from gauss2svg.render.cpu import (
-    Splats,
-    moments_of_gradient,
-    removal_cost,
-    render_planar,
-    squared_error,
-)
+from gauss2svg.render import cpu
+from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import Scene
 from gauss2svg.without_scipy import smoothed
 
@@ -155,11 +150,14 @@ class Target:
         """Whether no pixel of the target is visible."""
         return self.visible is not None and not self.visible.any()
 
-    def _over(self, splats: Splats, backdrop: float | None) -> Splats:
-        """Return the splats over the ground, if there is one, and over a grey level if given."""
-        if self._grounds:
-            return splats._replace(ground=self._grounds[backdrop])
-        return splats if backdrop is None else splats._replace(background=np.full(3, backdrop))
+    def _over_each(self, splats: Splats) -> Iterator[tuple[Reals, Splats]]:
+        """Yield the picture over each backdrop, and the splats over it or over the ground."""
+        for planar, backdrop in self._views:
+            if self._grounds:
+                splats = splats._replace(ground=self._grounds[backdrop])
+            elif backdrop is not None:
+                splats = splats._replace(background=np.full(3, backdrop))
+            yield planar, splats
 
     def opacity_logits(self, mean: Floats, usual_logit: float) -> Floats:
         """Return the logits (n,) of the initial opacities of Gaussians with means `mean` (n, 2).
@@ -178,7 +176,7 @@ class Target:
     def rendered(self, splats: Splats) -> Reals:
         """Return the render of the Gaussians, an array of the shape of `planar`."""
         real, size = self.planar.dtype.type, (self.height, self.width)
-        return joined([render_planar(self._over(splats, b), *size, real) for _, b in self._views])
+        return joined([cpu.render_planar(one, *size, real) for _, one in self._over_each(splats)])
 
     def error_of(self, rendered: Reals, planar: Reals | None = None) -> float:
         """Return the mean squared error of a render against `planar`, by default all of it."""
@@ -194,15 +192,14 @@ class Target:
         """
         parts: list[LossAndGradient] = []
         weight = self.weight if loss == DEFAULT_LOSS else self.focus
-        for planar, backdrop in self._views:
-            on_backdrop = self._over(splats, backdrop)
-            image, squares, moments, rows = squared_error(on_backdrop, planar, weight)
+        for planar, on_backdrop in self._over_each(splats):
+            image, squares, moments, rows = cpu.squared_error(on_backdrop, planar, weight)
             if self.focus is not None:
                 squares = self.error_of(image, planar) * planar.size
             value = 0.5 * squares
             if loss not in SQUARED_LOSSES:
                 mean, gradient = image_gradient(loss, image, planar, self.focus)
-                value, moments = mean * planar.size, moments_of_gradient(on_backdrop, gradient)
+                value, moments = mean * planar.size, cpu.moments_of_gradient(on_backdrop, gradient)
             # squared_error counts pair rows. A pair row has 16 px, so it is 16 pixel-Gaussian
             # pairs.
             error = squares / planar.size / len(self._views)
@@ -223,9 +220,8 @@ class Target:
         The render has the shape of `planar`. The array has the removal cost and the mass of each
         Gaussian, which gauss2svg.render.cpu.removal_cost defines.
         """
-        parts = [
-            removal_cost(self._over(splats, b), planar, self.weight) for planar, b in self._views
-        ]
+        over = self._over_each(splats)
+        parts = [cpu.removal_cost(one, planar, self.weight) for planar, one in over]
         return joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_type_hints
 
-from gauss2svg.errors import InputError, nearest, quoted, refusal
+from gauss2svg.errors import InputError, instance, nearest, quoted, refusal
 from gauss2svg.fit import MOST_GAUSSIANS, FitOptions, FitProgress
 from gauss2svg.measure import TARGETS, Score, color_name
 from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, fields_of
@@ -192,13 +192,17 @@ GROUP_TITLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """All options of a run."""
+    """All options of a run. None in place of a group stands for its defaults."""
 
     goal: Goal = Goal()
     fit: FitOptions = FitOptions()
     svg: SvgOptions = SvgOptions()
     document: Document = Document()
     run: RunOptions = RunOptions()
+
+    def __post_init__(self) -> None:
+        for key, group in GROUPS.items():
+            object.__setattr__(self, key, instance(getattr(self, key), key, group))
 
     @classmethod
     def from_flat(cls, values: Mapping[str, Any]) -> Options:

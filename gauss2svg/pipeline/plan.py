@@ -17,15 +17,7 @@ from numpy.typing import NDArray
 from gauss2svg import portable
 from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.errors import InputError, RendererError, quoted, refusal
-from gauss2svg.fit import (
-    DEFAULT_LOSS,
-    GAUSSIAN,
-    MOST_GAUSSIANS,
-    PSNR,
-    FitConfig,
-    FitOptions,
-    Tune,
-)
+from gauss2svg.fit import DEFAULT_LOSS, GAUSSIAN, MOST_GAUSSIANS, PSNR, FitConfig, FitOptions, Tune
 from gauss2svg.measure import Score, Search, require_packages
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pipeline.options import ALWAYS, AUTO, NEVER, Goal, Options

@@ -21,14 +21,7 @@ from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
 from gauss2svg.photo.pixels import Header, Photo, averaged, matte_color, pixels_of, shrunk
-from gauss2svg.pipeline.options import (
-    GROUPS,
-    Goal,
-    Options,
-    ProgressCallback,
-    RunOptions,
-    SvgOptions,
-)
+from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
@@ -211,8 +204,7 @@ def vectorize(
     renderer. If several threads call this function, they wait for each other. A forked process may
     call it too.
     """
-    given = {"goal": goal, "fit": fit, "svg": svg, "document": document, "run": run}
-    groups: dict[str, Any] = {key: instance(given[key], key, kind) for key, kind in GROUPS.items()}
+    groups: Any = {"goal": goal, "fit": fit, "svg": svg, "document": document, "run": run}
     chosen = Options(**groups).changed(**options)
     with watched(progress) as callback:
         return vectorize_by(chosen, image, focus=focus, start=start, progress=callback, stop=stop)
