@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,16 +14,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.pixels import Sprite, sprite_of
+from gauss2svg.areas.pixels import Sprite, areas_of_sprite, sprite_of
 from gauss2svg.errors import InputError, instance, refusal, required
 from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
-from gauss2svg.fit import FitOptions
+from gauss2svg.fit import FitOptions, FitResult
 from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
 from gauss2svg.photo.pixels import Header, Photo, averaged, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
-from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
+from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import watched
@@ -335,6 +336,53 @@ def _sprite(plan: Plan, run: Run, image: ImageSource, photo: Photo) -> Sprite | 
     return sprite_of(pixels_of(run.read(image, lambda *size: size, _matte(plan))))
 
 
+def _exact(plan: Plan, subject: Subject, run: Run) -> Outcome | None:
+    """Return the exact file of pixel art, or None if it is larger than the limit of bytes.
+
+    Its areas draw each pixel. Nothing is searched or fitted. If the file is too large, it is tried
+    without overlaps. Also return None for any other picture.
+    """
+    sprite, inks = subject.sprite, plan.options.fit.inks
+    if sprite is None:
+        return None
+    # Imported here because few pictures are pixel art.
+    from gauss2svg.areas.find import FoundAreas
+    from gauss2svg.pipeline.found import sprite_in_inks
+
+    if isinstance(inks, str):
+        sprite = sprite_in_inks(sprite, inks)
+    exporter, limit = Exporter(plan, subject), plan.goal.byte_limit or math.inf
+    (width, height), (rows, columns) = subject.canvas, sprite.cells.shape
+    scale = width / (columns * sprite.side), height / (rows * sprite.side)
+    for overlap in (True, False):
+        run.notify("areas")
+        wall_s, cpu_s = time.perf_counter(), time.process_time()
+        areas, ground = areas_of_sprite(sprite, overlap)
+        wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+        scene = Scene(
+            width, height, background=np.ones(3) if ground is None else np.array(ground),
+            transparent=ground is None, areas=tuple(area.scaled(*scale) for area in areas),
+        )  # fmt: skip
+        run.notify("write")
+        file = exporter.written(scene, _exact_format(plan, scene))
+        if file.size <= limit:
+            fitted = FitResult(scene, 0, 0, wall_s, cpu_s, 0, "gain")
+            found = FoundAreas(areas, ground, 1.0, math.inf, wall_s, 0.0)
+            return exporter.outcome(file, fitted, 0, found)
+    return None
+
+
+def _exact_format(plan: Plan, scene: Scene) -> SvgFormat:
+    """Return the format of a file whose user unit is as large as the outlines allow."""
+    # With 3 decimals, opacities of 8 bits are off by an eighth of a level.
+    svg_format = dataclasses.replace(plan.format, opacity_decimals=3)
+    if plan.options.svg.precision is not None:
+        return svg_format
+    points = np.array([p for area in scene.areas for one in area.outlines for p in one.points])
+    units = (unit for unit in (1.0, 0.5) if (points % unit == 0).all())
+    return dataclasses.replace(svg_format, precision=next(units, svg_format.precision))
+
+
 def _matte(plan: Plan) -> tuple[float, float, float] | None:
     """Return the colour below a transparent photo, or None if it stays transparent."""
     matte = plan.options.svg.matte
@@ -351,11 +399,8 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
             subject = subject.reduced(AREA_PIXELS_A_SECOND * limit)
         sizes = math.prod(subject.size), math.prod(subject.photo.shape[:2])
         run.limit_time(limit, *sizes, plan.options.fit.iterations)
-    if subject.sprite is not None:
-        from gauss2svg.pipeline.by_pixels import exact  # few pictures are pixel art
-
-        if (outcome := exact(plan, subject, run)) is not None:
-            yield outcome
+    if (outcome := _exact(plan, subject, run)) is not None:
+        yield outcome
     for one in plan.searches():
         # Few runs need several of these classes, so each is imported only when it is needed.
         if one.in_areas:
