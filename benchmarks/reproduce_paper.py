@@ -100,9 +100,10 @@ def totals(schedule: str, gaussians: int, rounds: int) -> tuple[int, ...]:
     """Return the number of Gaussians after each round. `rounds` is 0 for the product's rounds."""
     if schedule == AT_ONCE:
         return (gaussians,)
-    if schedule == EXPONENTIAL and not rounds:
-        return ()
-    step = -(-gaussians // (rounds or ROUNDS))
+    if not rounds:
+        even = {math.ceil(gaussians * r / ROUNDS) for r in range(1, ROUNDS + 1)}
+        return () if schedule == EXPONENTIAL else tuple(sorted(even))
+    step = -(-gaussians // rounds)
     added = (2**i if schedule == EXPONENTIAL else step for i in itertools.count())
     return (*takewhile(gaussians.__gt__, accumulate(added)), gaussians)
 
