@@ -14,8 +14,6 @@ The Python call, the command line, the studio's form and requests, the axes of t
 report and the reference documentation all take the options from these classes.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import numbers

@@ -1,7 +1,5 @@
 """The command `gauss2svg bench`, and what it shares with `gauss2svg gallery`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The program `gauss2svg`: its commands, exit status and error lines."""
 
-from __future__ import annotations
-
 import gc
 import logging
 import os

@@ -1,7 +1,5 @@
 """The parser of a command line. It makes arguments from the fields of the classes of options."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import shutil

@@ -1,7 +1,5 @@
 """Print the summary of a run or of a check on standard error."""
 
-from __future__ import annotations
-
 import sys
 import textwrap
 from collections.abc import Sequence

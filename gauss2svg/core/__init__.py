@@ -5,8 +5,6 @@
 environment variable GAUSS2SVG_CPU takes another. On other CPUs there is one library.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import platform

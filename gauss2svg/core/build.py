@@ -5,8 +5,6 @@ environment variable CC, which may have flags too, or else Clang from the packag
 where that package is not installed.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import shlex

@@ -7,8 +7,6 @@ placed where another ink would lower the error. At regular intervals, each shape
 that gives the least error (docs/decisions/inks.md).
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Connected components are found by a kernel. scikit-image has one too, but import
 third of a second (docs/decisions/start.md).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The Gaussians of a fit on the current target, and how they are added, relocated and pruned."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

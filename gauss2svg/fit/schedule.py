@@ -4,8 +4,6 @@ Progress is a number in 0..1. It is measured both by iterations and by the wall 
 larger of the two values counts.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

@@ -16,8 +16,6 @@ The constants of this package come from ablations, which are in fit.md, placemen
 divergence.md and numbers.md of docs/decisions.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import time

@@ -23,8 +23,6 @@ PSNR that is lost when the coordinates are rounded.
 docs/decisions/small.md explains the constants.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -29,8 +29,6 @@ the gain of a doubling from growth, where it was 3.2 dB. Later corrections take 
 exports, but assume at least 1.5 dB.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from bisect import bisect

@@ -13,8 +13,6 @@ A scene in inks has a pen for each ink, any other a black one. The pen of an ink
 ink: where as much paper as possible is left between its strokes, both together have its colour.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence

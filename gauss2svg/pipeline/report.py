@@ -1,7 +1,5 @@
 """The report of a run, ready for JSON."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

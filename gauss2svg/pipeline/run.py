@@ -15,8 +15,6 @@ estimate does not include other programs that rasterise the file, nor the first 
 kernels, which takes 105 MB.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from bisect import bisect_right
