@@ -15,7 +15,8 @@ from gauss2svg.errors import InputError as InputError
 from gauss2svg.errors import nearest, quoted, refusal
 from gauss2svg.fit import schedule
 from gauss2svg.fit.schedule import doubled, refinement_reduction
-from gauss2svg.options import Field, Interval, OptionGroup, Seed
+from gauss2svg.options import Field as Field
+from gauss2svg.options import Interval, OptionGroup, Seed
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import MOST_TONES, Inks, check_inks, check_paper
 
@@ -121,6 +122,12 @@ class FitOptions(OptionGroup):
     """Random seed. The same seed gives the same file. Another seed often does too, because few
     choices are random by default."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.blend == ADD and self.falloff not in (None, GAUSSIAN):
+            needed = f"{GAUSSIAN} with additive blending"
+            raise refusal("falloff", needed, quoted(self.falloff), f"--blend {OVER}")
+
     @property
     def tuned(self) -> Tune:
         """The option tune, or its default if it is None.
@@ -174,13 +181,6 @@ class FitConfig:
     round_totals: tuple[int, ...] = ()
     round_iterations: int | None = None
     relocate_rarely: bool = False
-
-    def __post_init__(self) -> None:
-        Field("gaussians", int, 0, MOST_GAUSSIANS).checked(self.gaussians)
-        Field("iterations", int, 1, 10**9).checked(self.iterations)
-        if self.fit.blend == ADD and self.fit.falloff not in (None, GAUSSIAN):
-            needed = f"{GAUSSIAN} with additive blending"
-            raise refusal("falloff", needed, quoted(self.fit.falloff), f"--blend {OVER}")
 
     @property
     def totals(self) -> list[int]:

@@ -129,7 +129,6 @@ class Plan:
         check_together(self.options)
         if (strength := self.options.fit.focus_strength) is not None and not self.has_focus:
             raise refusal("focus_strength", "given with a mask", f"{strength:g}", "without it")
-        _ = self.fit_config
 
     @property
     def goal(self) -> Goal:
