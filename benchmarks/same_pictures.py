@@ -58,6 +58,7 @@ CASES = {
     "inks": "drawing.png --gaussians 150 --inks 4 --separations plate.svg",
     "plot": "small.png --gaussians 100 --outline outline.svg --plot plot.svg",
     "additive": "small.png --gaussians 200 --blend add",
+    "portable": "small.png --gaussians 200 --blend add --portable",
     "ssim": "small.png --gaussians 100 --loss mse+ssim",
     "blur": "small.png --gaussians 100 --form blur --renderer chromium",
     "layers": "small.png --gaussians 200 --animate 3 --fragments",

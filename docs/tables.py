@@ -114,6 +114,7 @@ _FORMS = {
     "`--form blur`": DRAW_ROTATED_BLURS,
     "`--markup minimal`": DRAW_MINIMAL,
     "`--blend add`": DRAW_BLENDS,
+    "`--blend add --portable`": RENDERERS,
 }
 
 

@@ -243,7 +243,7 @@ def _check_together(options: Options, extras: Files, output: str) -> None:
     two_streams = extras.prints_report and output == STANDARD_STREAM
     rules = [
         (two_streams, "--report", "with a file if -o is standard output"),
-        (extras.outline and options.fit.blend == ADD, "--outline", f"without --blend {ADD}"),
+        (extras.outline and options.written_blend == ADD, "--outline", f"without --blend {ADD}"),
         (plates and inks is None, "--separations", "with --inks 3"),
         (extras.cut and (inks is None or not targets), "--cut", needed),
         (extras.trap and not extras.cut, "--trap", "with --cut"),

@@ -122,12 +122,6 @@ class FitOptions(OptionGroup):
     """Random seed. The same seed gives the same file. Another seed often does too, because few
     choices are random by default."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.blend == ADD and self.falloff not in (None, GAUSSIAN):
-            needed = f"{GAUSSIAN} with additive blending"
-            raise refusal("falloff", needed, quoted(self.falloff), f"--blend {OVER}")
-
     @property
     def tuned(self) -> Tune:
         """The option tune, or its default if it is None.
@@ -181,6 +175,11 @@ class FitConfig:
     round_totals: tuple[int, ...] = ()
     round_iterations: int | None = None
     relocate_rarely: bool = False
+
+    def __post_init__(self) -> None:
+        if self.fit.blend == ADD and self.fit.falloff == ADAPTIVE:
+            needed = f"{GAUSSIAN} with additive blending"
+            raise refusal("falloff", needed, quoted(ADAPTIVE), f"--blend {OVER}")
 
     @property
     def totals(self) -> list[int]:

@@ -1,4 +1,10 @@
-"""The Gaussians of a fit on the current target, and how they are added, relocated and pruned."""
+"""The Gaussians of a fit on the current target, and how they are added, relocated and pruned.
+
+An alpha-composited fit can begin with the Gaussians of an additive scene, to convert the scene to
+shapes that every renderer draws. Additive Gaussians have no order and no opacity. So the fit puts
+the largest Gaussian at the bottom, and gives each Gaussian the target's colour at its mean. Their
+positions, sizes and directions start as in the additive scene (docs/decisions/fit.md).
+"""
 
 import dataclasses
 import math
@@ -13,7 +19,7 @@ from gauss2svg.core import Floats, Reals
 from gauss2svg.fit import DEFAULT_LOSS, FitConfig
 from gauss2svg.fit.colors import InkColors, best_colors
 from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
-from gauss2svg.fit.schedule import reduction, refinement_reduction
+from gauss2svg.fit.schedule import ROUNDS, doubled, reduction, refinement_reduction
 from gauss2svg.fit.state import COLUMNS, LEAST_FITTED_SIGMA, OPAQUE_LOGIT, State, columns_of, step
 from gauss2svg.fit.target import LossAndGradient, Target, joined
 from gauss2svg.photo.pixels import has_alpha, psnr_of
@@ -186,6 +192,30 @@ class Population:
         if not (self.config.reduce and self.config.gaussians):
             return 1
         return refinement_reduction(done, len(self), self._whole.width, self._whole.height)
+
+    def adopt(self, scene: Scene) -> None:
+        """Convert an additive scene to alpha-composited Gaussians, with which the fit begins.
+
+        Gaussians whose mean lies on an invisible pixel of the target are left out. The others are
+        sorted from the largest, which is at the bottom, to the smallest. They get new round numbers
+        in this order: the largest ones belong to the first round.
+        """
+        target = self.target
+        width, height = target.width, target.height
+        scene = scene.scaled(width / scene.width, height / scene.height)
+        order = np.argsort(-scene.sigma.prod(axis=1) * np.sqrt(1 - scene.rho**2), kind="stable")
+        x, y = np.clip(scene.mean[order].astype(np.intp), 0, [width - 1, height - 1]).T
+        if target.visible is not None:
+            visible = target.visible[y, x]
+            order, x, y = order[visible], x[visible], y[visible]
+        self.state = State.of(
+            scene.mean[order], scene.cholesky[order], 0,
+            raw_opacity=target.opacity_logits(scene.mean[order], INITIAL_OPACITY_LOGIT),
+            color=target.source_color[:, y, x].T.astype(np.float64), raw_beta=self._first_raw_beta,
+        )  # fmt: skip
+        rounds, numbers = doubled(len(order), ROUNDS), np.arange(len(order))
+        self.state.round_index[:] = np.searchsorted(rounds, numbers, side="right")
+        self.round_index = int(self.state.round_index.max(initial=0))
 
     def begin_with(self, scene: Scene) -> None:
         """Begin with the shapes of a scene, scaled to the size of the target.

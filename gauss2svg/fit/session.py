@@ -16,6 +16,7 @@ The constants of this package come from ablations, which are in fit.md, placemen
 divergence.md and numbers.md of docs/decisions.
 """
 
+import dataclasses
 import itertools
 import math
 import time
@@ -29,14 +30,16 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import refusal
 from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
 from gauss2svg.fit.population import AsWritten, Population
 from gauss2svg.fit.schedule import NEGLIGIBLE, Clock, DivergenceGuard
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import Target
 from gauss2svg.photo.pixels import psnr_of
+from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ADD, OVER, Scene
 
 # Progress in refinement at which a policy may change the number of Gaussians.
 ADJUST_AT = (0.45, 0.55, 0.65)
@@ -153,7 +156,8 @@ class FitSession:
             if self.population.target.is_blank:
                 self.policy.stop_reason = "enough"
                 return
-            self._grow()
+            if not len(self.state):
+                self._grow()
             steps = self.clock.iterations - self.clock.iteration
             adjustments = [(at, self._adjust) for at in ADJUST_AT]
             pruning = schedule.DECAY_START, self._prune
@@ -187,6 +191,15 @@ class FitSession:
         self.resize(count, iterations)
         if keeps and len(before) <= count and population.psnr() - psnr < 0.05:
             population.state = before
+
+    def adopt(self, scene: Scene, count: int) -> None:
+        """Begin with the Gaussians of an additive scene, as alpha-composited shapes.
+
+        If they are fewer than `count`, more are added. Call it before `fit`, which then has no
+        rounds of growth but only refines these Gaussians.
+        """
+        self.population.adopt(scene)
+        self.population.densify_or_prune(max(count, len(self.state)))
 
     def prune_to(self, count: int) -> None:
         """Remove the least useful Gaussians until at most `count` are left."""
@@ -384,5 +397,31 @@ def fit(
     with kernel_lock:
         config = config or FitConfig()
         session = FitSession(Target(pixels, config.fit.tuned), config, progress=progress)
+        session.fit()
+        return session.result()
+
+
+def convert_additive(
+    scene: Scene,
+    pixels: NDArray[np.float32] | None = None,
+    config: FitConfig | None = None,
+    progress: Callable[[FitProgress], None] | None = None,
+) -> FitResult:
+    """Convert an additive scene to the same number of alpha-composited shapes.
+
+    Alpha-composited shapes are useful because every renderer draws them. They are fitted to
+    `pixels`, which are (h, w, 3) float32 in 0..1, or to the render of the scene if `pixels` is
+    None. The module gauss2svg.fit.population describes the method. The value of config.gaussians is
+    ignored. Raise InputError unless the scene is additive and config.fit.blend is "over".
+    """
+    config = dataclasses.replace(config or FitConfig(), gaussians=len(scene))
+    blends = scene.blend, config.fit.blend
+    if blends != (ADD, OVER):
+        needed = f"additive, and fitted by a config of blend {OVER!r}"
+        raise refusal("the scene", needed, f"blends {blends[0]!r} and {blends[1]!r}")
+    with kernel_lock:
+        photo = render(scene) if pixels is None else pixels
+        session = FitSession(Target(photo, config.fit.tuned), config, progress=progress)
+        session.adopt(scene, len(scene))
         session.fit()
         return session.result()

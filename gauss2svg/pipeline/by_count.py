@@ -36,9 +36,11 @@ from collections.abc import Sequence
 from operator import attrgetter
 
 from gauss2svg import portable
-from gauss2svg.fit import FitProgress, schedule
+from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
 from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, FitSession, Snapshot
+from gauss2svg.fit.target import Target
 from gauss2svg.measure import PSNR, Search
+from gauss2svg.photo.pixels import has_alpha, over
 from gauss2svg.pipeline.outcome import FULL, Export, Exporter, Outcome, Subject
 from gauss2svg.pipeline.plan import CAP_FOR_TARGET, GZIP, USUAL_BYTES, Aim, Plan
 from gauss2svg.pipeline.run import Run
@@ -92,7 +94,7 @@ class ByCount(DensificationPolicy):
         goal, aim, pixels = plan.goal, plan.aim, math.prod(subject.size)
         self._bytes_each = plan.shape_bytes / (GZIP if plan.counts_gzipped else 1)
         # A Gaussian has nine numbers, as three pixels have. With a budget, two are enough.
-        each = 2 if goal.is_budget else 3
+        each = 2 if plan.is_budget else 3
         cap = min(plan.preset.cap, max(1, pixels // each))
         # Corrections may raise the count up to this number. Growth may raise it only up to
         # `expected`.
@@ -110,7 +112,7 @@ class ByCount(DensificationPolicy):
         # If the target is not a PSNR, growth cannot aim at it. Growth then ends at the preset's
         # PSNR, and corrections raise or lower the count until the file reaches the target.
         self.expected, self._first = cap, FIRST_ROUND
-        is_limited = goal.is_budget or goal.byte_limit is not None or goal.count is not None
+        is_limited = plan.is_budget or goal.byte_limit is not None or goal.count is not None
         # Whether the goal is the best picture within a limit or with a given count.
         self._wants_best = aim is None and is_limited
         # Gaussians are added only as long as each one gains at least this many dB. It is 0 with a
@@ -134,11 +136,17 @@ class ByCount(DensificationPolicy):
 
     def run(self) -> Outcome:
         """Fit and write a scene, correct the count as long as this helps, and return the best."""
-        plan, run, start = self._plan, self._run, self._subject.start
+        plan, run, start, config = self._plan, self._run, self._subject.start, self._plan.fit_config
         exports = list[Export]()
         run.stop()
+        additive = self._additive() if plan.options.svg.portable else None
         run.budget.begin_fit(self.expected)
-        session = self._session()
+        if plan.only_time_limits:
+            # The fit begins with few Gaussians on reduced pictures, because its steps are faster.
+            config = dataclasses.replace(config, gaussians=self.expected)
+        session = self._session(self._subject.target(plan.tune), config)
+        if additive is not None:
+            session.adopt(additive.scene, plan.fit_config.gaussians)
         if start and not session.population.target.is_blank:
             self._refine(session, start)
         else:
@@ -166,7 +174,21 @@ class ByCount(DensificationPolicy):
         fitted = session.result()
         if best in self._first_file:
             fitted = fitted.after(None, "start")
+        fitted = fitted.after(additive, fitted.stop_reason)
         return self._exporter.outcome(best, fitted, len(exports) - 1)
+
+    def _additive(self) -> FitResult:
+        """Run the additive fit of a portable file, whose Gaussians the fit of the file adopts."""
+        plan, working, config = self._plan, self._subject.working, self._plan.fit_config
+        self._run.budget.begin_fit(self.expected, share=0.35)
+        self._phase, target = "additive", self._subject.target(plan.tune)
+        if has_alpha(working):
+            target = Target(over(working), plan.tune)
+        fit = dataclasses.replace(config.fit, blend="add", falloff=None)
+        session = self._session(target, dataclasses.replace(config, fit=fit))
+        session.fit()
+        self._phase = "fit"
+        return session.result()
 
     def _refine(self, session: FitSession, start: Scene) -> None:
         """Refine the shapes of the scene `start` in place of a fit with growth.
@@ -196,16 +218,9 @@ class ByCount(DensificationPolicy):
     def _steps(self, share: float) -> int:
         return max(40, round(share * self._plan.fit_config.iterations))
 
-    def _session(self) -> FitSession:
-        """Return a fit that reports its progress under the present phase of the search.
-
-        If a time limit alone decides how many steps the fit has, it begins with few Gaussians on
-        reduced pictures, because its steps are then faster.
-        """
-        plan, run, ground = self._plan, self._run, self._subject.ground
-        config, target = plan.fit_config, self._subject.target(plan.tune)
-        if plan.only_time_limits:
-            config = dataclasses.replace(config, gaussians=self.expected)
+    def _session(self, target: Target, config: FitConfig) -> FitSession:
+        """Return a fit that reports its progress under the present phase of the search."""
+        run, ground = self._run, self._subject.ground
         areas = "" if ground is None else str(AreaCounts.of(ground.areas))
 
         def progress(now: FitProgress) -> None:
@@ -217,10 +232,9 @@ class ByCount(DensificationPolicy):
             run.notify(self._phase, now)
             run.stop()
 
-        session = FitSession(
-            target, config, self if plan.goal.count_adapts else None, run.budget.fit_ends, progress,
-            self._exporter.as_written, lambda: run.ended,
-        )  # fmt: skip
+        as_written = None if self._phase == "additive" else self._exporter.as_written
+        policy, ends = self if self._plan.goal.count_adapts else None, run.budget.fit_ends
+        session = FitSession(target, config, policy, ends, progress, as_written, lambda: run.ended)
         return session
 
     def grow(self, now: Snapshot) -> int:
@@ -311,8 +325,10 @@ class ByCount(DensificationPolicy):
         psnr     PSNR in dB that the fit will have when its palette is chosen, None if it has been
                  chosen. The higher it is, the more entries the palette has
         """
-        counts = {self._cap_reason: float(self.expected), "time_limit": in_time}
-        limit = self._plan.goal.byte_limit
+        counts, limit = {self._cap_reason: float(self.expected)}, self._plan.goal.byte_limit
+        if self._phase == "additive":  # the bytes of its shapes in the file are unknown
+            return counts
+        counts["time_limit"] = in_time
         if limit is not None:
             refines = now.done > schedule.GROWTH_SHARE
             # The fit has more shapes than the file may have, and the least useful ones are pruned

@@ -15,6 +15,7 @@ from gauss2svg.fit import MOST_GAUSSIANS, FitOptions, FitProgress
 from gauss2svg.measure import TARGETS, Score, color_name
 from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, fields_of
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.scene import OVER
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
 
 AUTO = "auto"
@@ -137,6 +138,9 @@ class SvgOptions(OptionGroup):
     """Background colour for a transparent photo: a name such as white, #fa0 or #ffaa00. If not
     given, the SVG is transparent where the photo is."""
 
+    portable: bool = False
+    """Convert the result of --blend add to shapes that every renderer draws."""
+
     gzip: bool = False
     """Compress the file, as a name that ends in .svgz does. --max-bytes then limits the compressed
     size."""
@@ -204,6 +208,11 @@ class Options:
         for key, group in GROUPS.items():
             object.__setattr__(self, key, instance(getattr(self, key), key, group))
 
+    @property
+    def written_blend(self) -> str:
+        """Blend mode of the shapes in the file."""
+        return OVER if self.svg.portable else self.fit.blend
+
     @classmethod
     def from_flat(cls, values: Mapping[str, Any]) -> Options:
         """Return options with the given values, which are named as in `flat`.
@@ -243,12 +252,13 @@ OPTIONS = {field.name: key for key, group in GROUPS.items() for field in fields_
 class Progress:
     """The phase in which a run of `vectorize` is, and the state of the fit.
 
-    phase  "read", "areas" (only with areas), "fit", "write", "correct" or "measure". "correct" and
-           then "write" come again for each correction of the number of Gaussians, and so do "areas"
-           and "write" for each file that is over the limit of bytes. "measure" comes at the end. If
-           there is a target, it also comes after each "write"
-    fit    state of the fit during "areas", "fit" and "correct", otherwise None. It is also None in
-           "areas" before any are found
+    phase  "read", "areas" (only with areas), "additive" (only with the option portable),
+           "fit", "write", "correct" or "measure". "correct" and then "write" come again for each
+           correction of the number of Gaussians, and so do "areas" and "write" for each file that
+           is over the limit of bytes. "measure" comes at the end. If there is a target, it also
+           comes after each "write"
+    fit    state of the fit during "areas", "additive", "fit" and "correct", otherwise None. It is
+           also None in "areas" before any are found
     """
 
     phase: str

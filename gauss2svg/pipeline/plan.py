@@ -129,6 +129,7 @@ class Plan:
         check_together(self.options)
         if (strength := self.options.fit.focus_strength) is not None and not self.has_focus:
             raise refusal("focus_strength", "given with a mask", f"{strength:g}", "without it")
+        _ = self.fit_config
 
     @property
     def goal(self) -> Goal:
@@ -235,7 +236,7 @@ class Plan:
         colours (docs/decisions/markup.md).
         """
         limit, seconds = self.uncompressed_limit, self.goal.time_limit
-        if not self.goal.is_budget:
+        if not self.is_budget:
             usual = PRESETS[self.goal.quality or DEFAULT_PRESET]
             stop = min(usual.stop_psnr + self.faintness, max(usual.stop_psnr, FAINT_STOP))
             return dataclasses.replace(usual, stop_psnr=stop)
@@ -251,6 +252,15 @@ class Plan:
             usual, gain=0.0, stop_psnr=INDISTINGUISHABLE, cap=max(cap, 150), max_size=side,
             color_loss=loss,
         )  # fmt: skip
+
+    @property
+    def is_budget(self) -> bool:
+        """Whether the goal is the best picture within a limit of bytes or seconds.
+
+        It is False for a portable file, because the additive fit that comes first decides the
+        number of Gaussians.
+        """
+        return self.goal.is_budget and not self.options.svg.portable
 
     @property
     def uncompressed_limit(self) -> int | None:
@@ -295,8 +305,9 @@ class Plan:
 
     @cached_property
     def fit_config(self) -> FitConfig:
-        """Configuration of the fit by count."""
-        fit, goal, each, steps = self.options.fit, self.goal, None, self.preset.iterations
+        """Configuration of the fit whose scene is written."""
+        options, goal, each, steps = self.options, self.goal, None, self.preset.iterations
+        fit = options.changed(blend=options.written_blend).fit
         if self.only_time_limits and fit.iterations is None:
             # More than 1000 steps gain nothing. The time is better spent on steps in which all
             # Gaussians exist than on rounds of growth (docs/decisions/time.md).
@@ -310,7 +321,7 @@ class Plan:
             fit=fit,
             round_iterations=each,
             extend=fit.iterations is None and not goal.count_adapts,
-            relocate_rarely=goal.is_budget or self.only_time_limits,
+            relocate_rarely=self.is_budget or self.only_time_limits,
         )
 
     @cached_property
@@ -374,7 +385,7 @@ class Plan:
         preset, adapts, palette = self.preset, self.goal.count_adapts, 0
         if self.options.svg.palette is not None:
             return self.options.svg.palette, 0.0
-        if self.goal.is_budget:
+        if self.is_budget:
             palette = 4096  # these err less than 8 bits do, and more take long to find
         elif preset.colors and not adapts:
             # Fewer than 192 entries lower the PSNR even of a thousand Gaussians.
@@ -417,7 +428,7 @@ def check_together(options: Options) -> None:
         raise InputError(f"{name} must {rule}; got {got}. Try {advice}")
     renderer, svg = options.run.renderer, options.svg
     for is_asked, able, what, otherwise in (
-        (options.fit.blend == ADD, DRAW_BLENDS, "additive blending", f", or --blend {OVER}"),
+        (options.written_blend == ADD, DRAW_BLENDS, "additive blending", ", or --portable"),
         (svg.markup == MINIMAL, DRAW_MINIMAL, "minimal markup", ""),
         (svg.form != GRADIENT, DRAW_ROTATED_BLURS, f"form {svg.form}", f", or --form {GRADIENT}"),
     ):
@@ -430,7 +441,7 @@ def check_together(options: Options) -> None:
 
 def needs_editable(options: Options) -> str:
     """Return the first requested feature that a minimal file cannot have, "" if there is none."""
-    additive = ["additive blending"] * (options.fit.blend == ADD)
+    additive = ["additive blending"] * (options.written_blend == ADD)
     return next(iter([*additive, *_layered(options)]), "")
 
 
@@ -461,13 +472,16 @@ def _conflicts(options: Options) -> Iterator[tuple[str, str, object, str]]:
     if svg.areas == ALWAYS:
         for name, value in _without_areas(options).items():
             yield name, f"not be given with areas {ALWAYS}", value, f"--areas {NEVER}"
+    if svg.portable and fit.blend != ADD:
+        yield "portable", f"be given with blend {ADD}", f"blend {fit.blend}", "without --portable"
     if svg.count_gzipped and goal.max_bytes is None:
         advice = "--max-bytes 60k --count-gzipped"
         yield "count_gzipped", "be given with max_bytes", "none", advice
     if svg.markup == MINIMAL and (needs := needs_editable(options)):
         yield "markup", f"be {EDITABLE} with {needs}", svg.markup, "--markup auto"
-    for name in layered if fit.blend == ADD else ():
-        yield name, "not be given with additive blending", f"blend {ADD}", f"--blend {OVER}"
+    for name in layered if options.written_blend == ADD else ():
+        advice = f"--form {GRADIENT}" if name.startswith("form") else "--portable"
+        yield name, "not be given with additive blending", f"blend {ADD}", advice
     if inks is not None:
         why = "because a picture in inks has opaque shapes without gradients, in one layer each"
         asked = {"blend": fit.blend == ADD, "falloff": fit.falloff is not None}

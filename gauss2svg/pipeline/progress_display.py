@@ -223,7 +223,8 @@ def _text_and_share(progress: Progress) -> tuple[str, float | None]:
     now = progress.fit
     if now is None:
         return _PHASES[progress.phase], None
-    texts = {"areas": "refining areas", "correct": "correcting the number of shapes"}
+    texts = {"additive": "fitting additively", "correct": "correcting the number of shapes"}
+    texts["areas"] = "refining areas"
     text = texts.get(progress.phase, f"fitting, round {now.round}")
     return f"{text}, {now.remaining_s:.0f} s left: {_figures(now)}", now.done
 

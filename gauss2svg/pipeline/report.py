@@ -52,7 +52,7 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
-        "quality": None if chosen.goal.is_budget else chosen.goal.quality or DEFAULT_PRESET,
+        "quality": None if chosen.is_budget else chosen.goal.quality or DEFAULT_PRESET,
         # Values that the run has chosen for options that the user did not give.
         **dict(zip(("inks", "paper", "overprint"), plan.printed or (), strict=False)),
         **dict(zip(("width", "height"), photo.original_size, strict=True)),

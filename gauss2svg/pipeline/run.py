@@ -257,9 +257,12 @@ class TimeBudget:
         """Seconds that all steps so far took, divided by those that were predicted for them."""
         return self._taken / self._predicted
 
-    def begin_fit(self, count: int) -> None:
-        """Note that a fit of about `count` Gaussians begins."""
-        self._begun, self._reserved_for = time.perf_counter(), count
+    def begin_fit(self, count: int, share: float = 1.0) -> None:
+        """Note that a fit of about `count` Gaussians begins.
+
+        share  share of the time for fitting that this fit may take
+        """
+        self._begun, self._share, self._reserved_for = time.perf_counter(), share, count
 
     def note_step(self, pixels: int, count: int, done: float) -> None:
         """Note the end of a step of the fit, and learn from its time.
@@ -312,7 +315,7 @@ class TimeBudget:
         # If the export needs more than .6 of the time, Gaussians are removed. A fit of less than
         # .15 s could hardly be recognised.
         fitting = whole - min(self._reserved_s(self._reserved_for), 0.6 * whole)
-        return self._begun + max(fitting, 0.15)
+        return self._begun + max(self._share * fitting, 0.15)
 
     def _step_s(self, pixels: int) -> float:
         """Return the predicted seconds of a step, without the time that each Gaussian adds.

@@ -306,9 +306,9 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
         return size_that_fits(load, run.most_bytes, asked)
 
     photo = run.read(image, lambda width, height: sizes(width, height)[0].measured, _matte(plan))
-    if photo.alpha is not None and plan.options.fit.blend == ADD:
-        needed = "opaque for additive blending"
-        raise refusal("the photo", needed, "a transparent one", "--matte white")
+    if photo.alpha is not None and plan.options.written_blend == ADD:
+        advice = "--matte white, or --portable"
+        raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
     load, note = sizes(*photo.original_size, has_alpha=photo.alpha is not None)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))

@@ -336,7 +336,7 @@ def rounded(
     """
     unit = Field("unit", float, 0.001, 1e6).checked(unit)
     if scene.blend == ADD:
-        advice = "--markup editable"
+        advice = "--portable, or --markup editable"
         raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)
     areas, scene = element.in_units(scene, scene.areas, unit, opacity_decimals)
     soft = with_falloffs(scene, np.array(BETA_CLASSES)[nearest_class(scene.beta)])

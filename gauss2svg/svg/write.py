@@ -24,7 +24,7 @@ from gauss2svg.svg.encode import editable_svg, outlines_svg
 from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.svg.minimal import HEX_DIGITS, minimal_svg
 
-_COMPOSITED = "an alpha-composited scene (--blend over)"
+_PORTABLE = "the alpha-composited form (--portable)"
 
 
 def write_svg(
@@ -92,7 +92,7 @@ def ordered_svg(
         )  # fmt: skip
     if not is_additive:
         return editable_svg(scene, svg_format, document)
-    document.check_without_layers("additive blending", "whose layers are no rounds", _COMPOSITED)
+    document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
     from gauss2svg.svg.additive import additive_svg  # imported here because few files need it
 
     return additive_svg(scene, svg_format, document)
@@ -205,5 +205,5 @@ def outline_svg(scene: Scene, document: Document | None = None, stroke_width: fl
     document = instance(document, "document", Document)
     if scene.blend == ADD:
         got = "'add', whose colours are differences and show nothing by themselves"
-        raise refusal("blend of a scene with outlines", "'over'", got, _COMPOSITED)
+        raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
     return outlines_svg(scene, document, stroke_width)

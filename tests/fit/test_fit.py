@@ -7,9 +7,10 @@ import pytest
 from flat import choices, fit_config, session_of
 from scenes import random_areas, random_scene
 
+from gauss2svg.errors import InputError
 from gauss2svg.fit import PSNR, FitOptions
 from gauss2svg.fit.placement import NewGaussians, place
-from gauss2svg.fit.session import FitSession, fit
+from gauss2svg.fit.session import FitSession, convert_additive, fit
 from gauss2svg.fit.state import COLUMN_COUNT, FIRST_DECAY, State, columns_of, step
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
@@ -204,6 +205,18 @@ def test_every_round_has_its_iterations_and_the_last_the_rest(photo, iterations)
     counts = []
     fit(photo, options, lambda p: counts.append(p.gaussians))
     assert counts == [1] * 10 + [3] * 10 + [7] * 10 + [15] * (iterations - 30)
+
+
+def test_conversion_keeps_the_render_of_an_additive_scene(photo):
+    additive = fit(photo, fit_config(80, 60, blend="add")).scene
+    shown = render(additive)
+    composited = convert_additive(additive, config=fit_config(iterations=80)).scene
+    assert composited.blend == "over"
+    assert len(composited) <= 80
+    assert metrics.psnr(render(composited), shown) > 28
+    for scene, blend in ((composited, "over"), (additive, "add")):
+        with pytest.raises(InputError, match="the scene must be additive, and fitted by a config"):
+            convert_additive(scene, config=fit_config(blend=blend))
 
 
 @pytest.mark.parametrize("move", [(4, 0), (0, 4)])

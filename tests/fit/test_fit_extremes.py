@@ -55,6 +55,7 @@ OPTIONS = {
     "more than pixels": {"gaussians": 400, "iterations": 12},
     "by error": {"gaussians": 30, "iterations": 30, "init": "error"},
     "additive": {"gaussians": 30, "iterations": 30, "blend": "add"},
+    "portable": {"gaussians": 30, "iterations": 30, "blend": "add", "portable": True},
     "ssim": {"gaussians": 10, "iterations": 12, "loss": "l1+ssim"},
 }
 CASES = [(n, how) for n in PICTURES for how in list(OPTIONS)[: 3 if n in ALPHAS else None]]

@@ -88,10 +88,11 @@ def test_options_may_be_given_by_name_or_together(photo):
 
 
 TOGETHER = [
-    ({"blend": "add", "renderer": "cairo"}, "renderer must be one of .*resvg.*or --blend over"),
+    ({"portable": True}, "portable must be given with blend add"),
+    ({"blend": "add", "renderer": "cairo"}, "renderer must be one of .*resvg.*or --portable"),
     ({"blend": "add", "falloff": "adaptive"}, "falloff must be gaussian.*; got 'adapt"),
-    ({"blend": "add", "animate": 2}, "animate must not be given with additive.*--blend over"),
-    ({"blend": "add", "form": "blur", "renderer": "chromium"}, "form blur must.*--blend over"),
+    ({"blend": "add", "animate": 2}, "animate must not be given with additive.*--portable"),
+    ({"blend": "add", "form": "blur", "renderer": "chromium"}, "form blur must.*--form gradient"),
     ({"count_gzipped": True}, "count_gzipped must be given with max_bytes"),
     ({"target_psnr": 30, "target_ssimulacra2": 50}, "ssimulacra2 must not be .* target_psnr"),
     ({"scores": True, "time_limit": 5}, "scores must not be given with time_limit"),

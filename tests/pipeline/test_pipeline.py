@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from conftest import needs
 from flat import vectorize
 
 from gauss2svg import quantize
@@ -12,7 +13,7 @@ from gauss2svg.errors import RendererError
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import tiles
-from gauss2svg.scene import ADD
+from gauss2svg.scene import ADD, OVER
 from gauss2svg.svg.write import write_svg
 
 QUICK = {"gaussians": 120, "iterations": 30}
@@ -105,9 +106,25 @@ def test_an_additive_scene_is_rasterised_from_its_file_on_any_number_of_threads(
     assert vectorize(photo, blend=ADD, threads=1, **SUMMED).svg == additive.svg
 
 
+def test_the_portable_form_is_composited_by_a_second_fit_and_drawn_by_all(photo, additive):
+    needs("cairo")
+    given = {**SUMMED, "falloff": "adaptive", "renderer": "cairo"}
+    portable = vectorize(photo, blend=ADD, portable=True, **given)
+    report = portable.report
+    assert portable.scene.blend == OVER
+    assert (report["blend"], report["portable"]) == (ADD, True)
+    assert "mix-blend-mode" not in portable.svg
+    assert report["psnr_roundtrip"] > 44
+    assert report["iterations"] == 2 * additive.report["iterations"]
+    assert report["pixel_pairs"] > 1.5 * additive.report["pixel_pairs"]
+    assert report["psnr_model"] > vectorize(photo, **SUMMED).report["psnr_model"] - 0.3
+
+
 @pytest.mark.sweep
-def test_targets_and_presets_hold_for_additive_blending(photo):
-    draft = {"blend": ADD, "quality": "draft", "iterations": 80}
+@pytest.mark.parametrize("portable", [False, True])
+def test_targets_and_presets_hold_for_additive_blending(photo, portable):
+    options = {"blend": ADD, "portable": portable}
+    draft = {**options, "quality": "draft", "iterations": 80}
     small = vectorize(photo, max_bytes="20k", **draft)
     assert len(small.svg.encode()) <= 20_000
     assert len(small.scene) > 50

@@ -111,7 +111,7 @@ def test_a_file_without_room_for_a_shape_is_its_background_and_that_is_said(phot
 @pytest.mark.parametrize(
     "given",
     [
-        {}, {"markup": "editable", "gzip": True}, {"inks": 2}, {"blend": "add"},
+        {}, {"markup": "editable", "gzip": True}, {"inks": 2}, {"blend": "add", "portable": True},
         {"start": random_scene(3, 64, 64)}, {"target_psnr": 30, "fragments": True},
         {"areas": "always"},
     ],

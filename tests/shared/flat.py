@@ -16,7 +16,7 @@ from gauss2svg.pipeline.options import GROUPS, OPTIONS, Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
 
 # Options that are valid only beside another one of this value.
-BESIDE = {"count_gzipped": {"max_bytes": 40_000}}
+BESIDE = {"portable": {"blend": "add"}, "count_gzipped": {"max_bytes": 40_000}}
 _OF_A_CALL = ("focus", "start", "progress", "stop", "started")
 
 

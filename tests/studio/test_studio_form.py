@@ -25,7 +25,7 @@ CHANGED = {
     "learning_rate": 0.5, "blend": "add", "falloff": "gaussian", "seed": 5,
     "current_color": True, "inks": "#0078bf,#ff48b0", "paper": "#f5f0e6", "overprint": 3,
     "init": "random", "relocate": False, "form": "blur", "markup": "minimal", "palette": 12,
-    "stops": 8, "precision": 0.1, "matte": "#fa0", "gzip": True,
+    "stops": 8, "precision": 0.1, "matte": "#fa0", "portable": True, "gzip": True,
     "count_gzipped": True, "title": "A 'quoted' title", "alt": "-starts like an option",
     "size": "120mm", "aspect": "xMidYMid slice", "animate": 2.5, "fragments": True,
     "renderer": "cairo", "scores": True, "max_size": 200, "full_size": True, "areas": "always",
