@@ -11,13 +11,14 @@ exceeds the standard deviation of the paired differences. FOLDER gets the figure
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import accumulate, pairwise, product, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,7 @@ from scipy.ndimage import maximum_filter
 
 from gauss2svg import Scene
 from gauss2svg.fit import FitConfig, FitProgress
+from gauss2svg.fit.schedule import ROUNDS
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
@@ -94,6 +96,18 @@ Figures = dict[str, tuple[list[Pixels], list[str]]]
 Claims = list[tuple[str, str, bool | None]]
 
 
+def totals(schedule: str, gaussians: int, rounds: int) -> tuple[int, ...]:
+    """Return the number of Gaussians after each round. `rounds` is 0 for the product's rounds."""
+    if schedule == AT_ONCE:
+        return (gaussians,)
+    if not rounds:
+        even = {math.ceil(gaussians * r / ROUNDS) for r in range(1, ROUNDS + 1)}
+        return () if schedule == EXPONENTIAL else tuple(sorted(even))
+    step = -(-gaussians // rounds)
+    added = (2**i if schedule == EXPONENTIAL else step for i in itertools.count())
+    return (*takewhile(gaussians.__gt__, accumulate(added)), gaussians)
+
+
 def fit(
     pixels: Pixels, way: str, schedule: str, gaussians: int, settings: Settings,
     iterations: int = 0, seed: int = 0, loss: str = "mse",
@@ -103,16 +117,14 @@ def fit(
     init, relocate, even = WAYS[way]
     iterations, rounds = iterations or settings.iterations, settings.rounds
     share = iterations // (rounds + 1)
-    added = {AT_ONCE: None, EXPONENTIAL: gaussians, LINEAR: -(-gaussians // rounds)}[schedule]
-    steps = share * rounds if schedule == AT_ONCE else share
     options = Options.from_flat(
-        {"init": init, "schedule": schedule, "relocate": relocate, "loss": loss, "seed": seed,
-         "blend": "add", "tune": "psnr"}
-        | ({"per_round": added, "round_iterations": steps} if even else {})
+        {"init": init, "relocate": relocate, "loss": loss, "seed": seed, "blend": "add",
+         "tune": "psnr"}
     )  # fmt: skip
     config = FitConfig(
-        gaussians=gaussians, iterations=iterations, fit=options.fit, densify=options.densify,
-        reduce=not even,
+        gaussians=gaussians, iterations=iterations, fit=options.fit,
+        reduce=not even, round_totals=totals(schedule, gaussians, rounds if even else 0),
+        round_iterations=(share * rounds if schedule == AT_ONCE else share) if even else None,
     )  # fmt: skip
     session = FitSession(
         Target(pixels, config.fit.tuned),

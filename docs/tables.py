@@ -53,9 +53,8 @@ def allowed(field: Field) -> str:
     least, most = _number(field.least), _number(field.most)
     if field.kind is int:
         return f"A whole number from {least} to {most}."
-    least = f"above {least} and up" if field.is_above else f"from {least}"
     advised = f", such as {field.advice}" if field.advice else ""
-    return f"A number {least} to {most}{advised}."
+    return f"A number from {least} to {most}{advised}."
 
 
 def options_table(command: str, title: str = "") -> str:

@@ -12,7 +12,7 @@ from .errors import (
     RendererError as RendererError,
     SceneError as SceneError,
 )
-from .fit import DensifyOptions as DensifyOptions, FitOptions as FitOptions
+from .fit import FitOptions as FitOptions
 from .measure.check import CheckResult as CheckResult, check as check
 from .pipeline.options import (
     Goal as Goal,

@@ -3,8 +3,6 @@
 A message is one line. It often ends with advice on what to try.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, TypeVar
 

@@ -14,8 +14,6 @@ The Python call, the command line, the studio's form and requests, the axes of t
 report and the reference documentation all take the options from these classes.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import numbers
@@ -34,10 +32,9 @@ from gauss2svg.errors import InputError, nearest, plain_scalar, quoted, refusal
 
 
 class Interval(NamedTuple):
-    """Range of an option's values: values are at least `ge` or above `gt`, and at most `le`."""
+    """Range of an option's values: values are at least `ge`, and at most `le`."""
 
     ge: float | None = None
-    gt: float | None = None
     le: float | None = None
 
 
@@ -52,7 +49,6 @@ class Field:
     name         name in error messages
     kind         bool, int or float. None if only `words` or `check` decide which values are allowed
     least, most  range of an int or a float
-    is_above     True if the value must be larger than `least`. If False, it may also be equal.
     words        values that are also allowed, such as "auto"
     check        function (name, value), which is called for any value that is not in `words`. It
                  returns the value to store, or raises InputError.
@@ -65,7 +61,6 @@ class Field:
     kind: type | None = None
     least: float = -math.inf
     most: float = math.inf
-    is_above: bool = False
     words: tuple[Any, ...] = ()
     check: Callable[[str, Any], Any] | None = None
     is_optional: bool = False
@@ -112,8 +107,7 @@ class Field:
         numbers_of_kind: Any = numbers.Integral if self.kind is int else numbers.Real
         if not isinstance(value, numbers_of_kind):
             return None
-        is_large = self.least < value if self.is_above else self.least <= value
-        return self.kind(value) if is_large and value <= self.most else None
+        return self.kind(value) if self.least <= value <= self.most else None
 
     @property
     def _needed(self) -> str:
@@ -123,8 +117,6 @@ class Field:
             return f"one of {', '.join(map(str, self.words))}" if self.words else "a plain value"
         if self.kind is int:
             needed = f"a whole number in {self.least}..{self.most}"
-        elif self.is_above:
-            needed = f"a number above {self.least:g} and at most {self.most:g}"
         else:
             needed = f"a number in {self.least:g}..{self.most:g}"
         return " or ".join([needed, *map(str, self.words)])
@@ -190,9 +182,8 @@ def field_of(name: str, hint: Any, default: Any = None) -> Field:
     return Field(
         name=name,
         kind=kind,
-        least=next((bound for bound in (limits.ge, limits.gt) if bound is not None), -math.inf),
+        least=-math.inf if limits.ge is None else limits.ge,
         most=most if limits.le is None else limits.le,
-        is_above=limits.gt is not None,
         words=tuple(w for each in members if get_origin(each) is Literal for w in get_args(each)),
         check=check,
         is_optional=type(None) in members,

@@ -6,8 +6,6 @@ are in a fixed order, and their errors are in core/functions.h. They compute in 
 float32 if all arrays are of float32.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

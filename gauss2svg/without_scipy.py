@@ -4,8 +4,6 @@ These functions seldom need to import SciPy, and the import takes a third of a s
 (docs/decisions/start.md).
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

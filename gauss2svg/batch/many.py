@@ -30,9 +30,9 @@ from gauss2svg import errors
 from gauss2svg.batch.inputs import STATE, file_system_of, is_url, passed_over, photos_of, write
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, as_json
-from gauss2svg.options import Field, fields_of, file_name
+from gauss2svg.options import Field, file_name
 from gauss2svg.photo.pixels import Header
-from gauss2svg.pipeline.options import Goal, Options, unknown_keyword
+from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pipeline.run import memory_limit
@@ -109,7 +109,7 @@ def vectorize_many(
     workers: int | None = None,
     executor: Executor | None = None,
     progress: bool = False,
-    **goals: Any,
+    **named: Any,
 ) -> Iterator[PhotoRecord]:
     """Vectorise many photos, and yield the record of each when it is finished.
 
@@ -121,17 +121,14 @@ def vectorize_many(
     executor  executor whose workers vectorise the photos, such as that of a cluster. If it is None,
               processes of this machine do. A worker must do one photo at a time.
     progress  whether to show a bar on a terminal or in a notebook
-    goals     fields of Goal, as in `vectorize`: vectorize_many(photos, "out", quality="draft")
+    named     options by their names, as in `vectorize`: vectorize_many(photos, "out", seed=7)
 
     Photos that an earlier run has finished are skipped. Workers are started only if other photos
     are left. If a photo fails, its record has an error. Raise InputError for bad arguments, before
     any photo is read, and for a worker that has another version of gauss2svg or does not see the
-    output folder. Raise OutputError if no file can be written. Raise TypeError for an unknown
-    keyword.
+    output folder. Raise OutputError if no file can be written.
     """
-    for name in goals.keys() - {field.name for field in fields_of(Goal)}:
-        raise unknown_keyword(name, "vectorize_many", "options=Options({})")
-    options = errors.instance(options, "options", Options).changed(**goals)
+    options = errors.instance(options, "options", Options).changed(**named)
     show_progress = Field("progress", bool).checked(progress)
     return Batch(sources, output, options, workers).run(executor, quiet=not show_progress)
 

@@ -1,7 +1,5 @@
 """The command `gauss2svg batch`, imported only when it is run."""
 
-from __future__ import annotations
-
 import json
 import sys
 from contextlib import closing

@@ -1,7 +1,5 @@
 """The command `gauss2svg bench`, and what it shares with `gauss2svg gallery`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,12 +91,8 @@ def run(given: dict[str, Any]) -> int:
     shared, output = Comparison.of(given), BenchCommand.of(given).output
     photos, peers, axes = shared.inputs("bench", output)
     rows = run_bench(
-        photos,
-        output,
-        axes=axes or ({} if shared.from_ else None),
-        peers=peers,
-        options=BenchOptions.of(given),
-        progress=not shared.quiet,
-    )
+        photos, output, axes=axes or ({} if shared.from_ else None), peers=peers,
+        options=BenchOptions.of(given), progress=not shared.quiet,
+    )  # fmt: skip
     failures = [f"{r['label']} on {r['image']}: {r['error']}" for r in rows if "error" in r]
     return shared.end(len(rows) - len(failures), failures, output / "summary.md")

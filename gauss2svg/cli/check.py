@@ -1,6 +1,5 @@
 """The command `gauss2svg check`, imported only when it is run."""
 
-import dataclasses
 import os
 import sys
 from dataclasses import dataclass
@@ -52,7 +51,7 @@ class CheckOutput(OptionGroup):
     """Save all measurements as a JSON file, or print them on standard output with -. Those of a
     table are a list."""
 
-    min_psnr: Annotated[float | None, Interval(gt=0, le=1e9)] = None
+    min_psnr: Annotated[float | None, Interval(ge=0.01, le=1e9)] = None
     """PSNR (dB) below which the exit status is 1. A transparent photo must reach it over white and
     over black. Files are written in either case."""
 
@@ -92,11 +91,9 @@ def run(given: dict[str, Any]) -> int:
             update(svg, len(records), len(pairs))
             stdin = files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else None
             try:
+                source = files.read_input() if photo == STANDARD_STREAM else photo
                 result = check(
-                    files.read_input() if photo == STANDARD_STREAM else photo,
-                    stdin or Path(svg),
-                    reference=asked.reference,
-                    **dataclasses.asdict(options),
+                    source, stdin or Path(svg), reference=asked.reference, **vars(options)
                 )
             except Gauss2SvgError as error:
                 if is_one:

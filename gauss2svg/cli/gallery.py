@@ -46,16 +46,10 @@ def run(given: dict[str, Any]) -> int:
     counts = parse_axes([f"gaussians={command.counts}"]) if command.counts else {}
     variants = "" if shared.from_ and command.variants is None else command.variants
     gallery = build_gallery(
-        photos,
-        command.output,
-        variants=None if variants is None else words(variants),
-        counts=counts.get("gaussians"),
-        peers=peers,
-        axes=axes,
-        options=GalleryOptions.of(given),
-        command=command_line(["gauss2svg", *sys.argv[1:]]),
-        progress=not shared.quiet,
-    )
+        photos, command.output, variants=None if variants is None else words(variants),
+        counts=counts.get("gaussians"), peers=peers, axes=axes, options=GalleryOptions.of(given),
+        command=command_line(["gauss2svg", *sys.argv[1:]]), progress=not shared.quiet,
+    )  # fmt: skip
     failures = [
         f"{row['photo']}, {row['variant']}: {row['error']}"
         if row["variant"]

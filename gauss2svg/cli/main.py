@@ -1,7 +1,5 @@
 """The program `gauss2svg`: its commands, exit status and error lines."""
 
-from __future__ import annotations
-
 import gc
 import logging
 import os
@@ -18,7 +16,6 @@ from gauss2svg.cli.parser import COMMANDS, Parser
 from gauss2svg.errors import Gauss2SvgError, error_line, nearest, refusal
 from gauss2svg.options import Renderer, flag_of
 from gauss2svg.pipeline.options import OPTIONS
-from gauss2svg.version import __version__
 
 
 def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
@@ -116,13 +113,14 @@ def run() -> None:
 def _versions() -> str:
     """Return the lines that --version prints, which users copy into bug reports.
 
-    They describe the machine, and list the versions of gauss2svg, of the renderers and of some
-    packages. If a renderer cannot be loaded, they say why, because that may cause the bug.
+    They describe the machine, and list the versions of gauss2svg, of the renderers and of the
+    packages that a file depends on. If a renderer cannot be loaded, they say why, because that may
+    cause the bug.
     """
     import platform
-    from importlib.metadata import distributions
 
     from gauss2svg.compare.records import machine
+    from gauss2svg.pipeline.report import versions
     from gauss2svg.raster import renderer_version
 
     renderers = []
@@ -132,15 +130,13 @@ def _versions() -> str:
         except Exception as error:  # a package that is missing or broken may raise any exception
             # The advice in the error message is left out.
             renderers.append(f"{renderer}: {str(error).split('; got ')[0]}")
-    names = "numpy scipy scikit-image pillow pyvips pi-heif svgwrite torch ssimulacra2"
-    packages = {d.name.lower().replace("_", "-"): d.version for d in distributions()}
-    about = machine()
+    about, packages = machine(), versions()
     lines = [
-        f"gauss2svg {__version__}",
-        f"system: {platform.platform()}, Python {platform.python_version()}",
+        f"gauss2svg {packages.pop('gauss2svg')}",
+        f"system: {platform.platform()}, Python {packages.pop('python')}",
         f"CPU: {about['cpu']}, {about['cores']} cores",
         f"renderers: {', '.join(renderers)}",
-        f"packages: {', '.join(f'{n} {packages[n]}' for n in names.split() if n in packages)}",
+        f"packages: {', '.join(map(' '.join, packages.items()))}",
     ]
     return "\n".join(lines)
 

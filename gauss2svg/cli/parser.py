@@ -1,12 +1,9 @@
 """The parser of a command line. It makes arguments from the fields of the classes of options."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import shutil
 from functools import partial
-from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -20,18 +17,14 @@ STATUS_SOME_FAILED = 1  # exit status of a command if some photos or runs failed
 _FILES = ("photos", "photo", "svg", "folder")  # fields that are files without an option before them
 # {command: (what it does, arguments that its help shows)}
 _OF_PHOTOS = "PHOTOS -o OUT [OPTIONS]"
+_OF_SOME = "PHOTOS [-o OUT] [OPTIONS]"
+_OF_SVGS = "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]"
 COMMANDS = {
     "batch": ("Vectorise many photos, on all cores.", _OF_PHOTOS),
     "bench": ("Compare settings and other tools in tables and plots.", _OF_PHOTOS),
-    "check": (
-        "Measure how closely any SVG matches a photo.",
-        "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]",
-    ),
+    "check": ("Measure how closely any SVG matches a photo.", _OF_SVGS),
     "gallery": ("Write web pages that compare results for photos.", _OF_PHOTOS),
-    "placeholder": (
-        "Write SVGs of about a kilobyte to show while photos load.",
-        "PHOTOS [-o OUT] [OPTIONS]",
-    ),
+    "placeholder": ("Write SVGs of a kilobyte to show until photos load.", _OF_SOME),
     "studio": ("Vectorise photos in the browser, on this machine.", "[FOLDER] [OPTIONS]"),
 }
 
@@ -57,7 +50,7 @@ class Parser(argparse.ArgumentParser):
         )  # fmt: skip
         self.groups: list[type[OptionGroup]] = []
         self.has_help = has_help
-        self._command, self._advice = command, f"{name} {'--help' if command else '--help-all'}"
+        self._advice = f"{name} {'--help' if command else '--help-all'}"
 
     def add_group(self, title: str, group: type[OptionGroup], shown: bool = True) -> None:
         """Add an argument for each field of a class, in a section of the help.
@@ -86,12 +79,6 @@ class Parser(argparse.ArgumentParser):
             if not word.startswith("-"):
                 raise refusal(word, "left out", "a file too many", self._advice)
             name = word.partition("=")[0]
-            if others := _commands_with(name):
-                needed = f"given with {' or '.join(map(_shown, others))}"
-                advice = f"{others[0]} --help" if others[0] else "--help-all"
-                raise refusal(
-                    name, needed, f"it with {_shown(self._command)}", f"gauss2svg {advice}"
-                )
             names = [name for action in self._actions for name in action.option_strings]
             raise refusal(name, "an option", "an unknown one", nearest(name, names) or self._advice)
         given = vars(known)
@@ -100,21 +87,6 @@ class Parser(argparse.ArgumentParser):
                 name = field.name.upper() if field.name in _FILES else flag_of(field.name)
                 raise refusal(name, "given", "none", self._advice)
         return given
-
-
-def _commands_with(option: str) -> list[str]:
-    """Return the commands that have an option, such as "batch" for "--workers"."""
-    found = []
-    for command in ("", *COMMANDS):
-        groups = import_module(f"gauss2svg.cli.{command or 'vectorize'}").SECTIONS.values()
-        fields = [field.name for group in groups for field in fields_of(group)]
-        if option in [flag_of(name) for name in fields if name not in _FILES]:
-            found.append(command)
-    return found
-
-
-def _shown(command: str) -> str:
-    return f"gauss2svg {command or 'PHOTO'}"
 
 
 def options_of_file(path: Path) -> dict[str, Any]:

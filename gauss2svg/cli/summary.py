@@ -1,7 +1,5 @@
 """Print the summary of a run or of a check on standard error."""
 
-from __future__ import annotations
-
 import sys
 import textwrap
 from collections.abc import Sequence
@@ -15,7 +13,7 @@ from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.svg import MINIMAL
 
 # Text that the summary prints after the number of shapes, for each stop_reason of a report.
-_STOPPED = {
+STOPPED = {
     "iterations": "set by --gaussians",
     "gaussians": "set by --gaussians",
     "gain": "more would improve it too little for their bytes",
@@ -43,7 +41,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
         shapes = f"{counts}, {shapes}" if r["gaussians"] else str(counts)
     rows = {
         "file": f"{output}, {r['width']}x{r['height']} px, {_size(r)}",
-        "shapes": f"{shapes}: {_STOPPED[r['stop_reason']]}",
+        "shapes": f"{shapes}: {STOPPED[r['stop_reason']]}",
         "match": f"{_match(r)}{at} ({scale})",
         "focus": _psnrs(r, {"_inside": "inside of the mask", "_outside": "outside"})
         if r["focus_strength"] is not None

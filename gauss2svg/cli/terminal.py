@@ -7,8 +7,6 @@ command still measures and writes the result. Every file is either written compl
 untouched.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import signal

@@ -93,7 +93,7 @@ class PlatesAndPens(OptionGroup):
     """Make --separations and --outline for a cutter: the region in which each of the --inks is
     seen, as closed paths clear of all others. Needs gauss2svg[cut]."""
 
-    trap: Annotated[float | None, Interval(gt=0, le=MOST_TRAP)] = None
+    trap: Annotated[float | None, Interval(ge=0.001, le=MOST_TRAP)] = None
     """Width (mm) by which regions of --cut spread below darker inks beside them, such as 0.2."""
 
     marks: bool = False
@@ -263,7 +263,7 @@ def _check_together(options: Options, extras: Files, output: str) -> None:
 def _result(
     photo: str, output: str, options: Options, extras: Files, interruption: Interruption
 ) -> "Result":
-    from gauss2svg.pipeline.run import watched
+    from gauss2svg.pipeline.progress_display import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
     source, start = files.read_input() if photo == STANDARD_STREAM else photo, None

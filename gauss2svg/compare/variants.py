@@ -196,7 +196,7 @@ AXES: dict[str, Field] = {
     field.name: replace(field, name=f"axis {field.name}")
     for key, group in GROUPS.items()
     for field in fields_of(group)
-    if key in ("goal", "fit", "densify", "svg") or field.name in ("renderer", "max_size")
+    if key in ("goal", "fit", "svg") or field.name in ("renderer", "max_size")
 }
 
 

@@ -5,8 +5,6 @@
 environment variable GAUSS2SVG_CPU takes another. On other CPUs there is one library.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import platform
@@ -17,11 +15,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.errors import refusal
 
+Floats = NDArray[np.float64]
+Reals = NDArray[np.floating]  # float32 or float64
+
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-SANITIZED = "sanitized"  # the library with checks for tests, which must be asked for
 _BASE = "v2"  # the library of every x86-64 CPU, which also says what the CPU supports
 _Start = ctypes.c_char * 0  # an array's first byte, which ctypes passes faster than an address
 _NUMBERS: dict[str, Any] = {"int": ctypes.c_int64, "float": ctypes.c_double}
@@ -35,10 +36,8 @@ def _library() -> ctypes.CDLL:
     """
     paths = {p.stem.removeprefix("kernels-"): p for p in Path(__file__).parent.glob(f"*{SUFFIX}")}
     name = os.environ.get("GAUSS2SVG_CPU")
-    if name == SANITIZED and name in paths:
-        return ctypes.CDLL(str(paths[name]))
     is_x86 = platform.machine().lower() in ("x86_64", "amd64")
-    usable = [name for name in sorted(paths) if (name[0] == "v") == is_x86 and name != SANITIZED]
+    usable = [name for name in sorted(paths) if (name[0] == "v") == is_x86]
     if not usable:
         advice = f"`{sys.executable} -m gauss2svg.core.build` in a checkout"
         raise refusal("compiled kernels", f"in {Path(__file__).parent}", "none", advice)

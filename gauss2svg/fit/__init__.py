@@ -11,10 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast, get_args
 
-from gauss2svg.errors import InputError, nearest, quoted, refusal
+from gauss2svg.errors import InputError as InputError
+from gauss2svg.errors import nearest, quoted, refusal
 from gauss2svg.fit import schedule
-from gauss2svg.fit.schedule import refinement_reduction, totals
-from gauss2svg.options import Field, Interval, OptionGroup, Seed, check_color
+from gauss2svg.fit.schedule import doubled, refinement_reduction
+from gauss2svg.options import Field as Field
+from gauss2svg.options import Interval, OptionGroup, Seed, check_color
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.ink_lists import MOST_TONES, Inks, check_inks
 
@@ -62,7 +64,7 @@ def has_ssim(loss: LossName | LossFunction) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(OptionGroup):
-    """Options of the model and of the optimiser, as they are passed to vectorize."""
+    """Options of the model, of the optimiser, and of adding Gaussians during the fit."""
 
     iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
     """Number of steps of the fit, each of which moves all shapes a little. The default depends on
@@ -77,9 +79,6 @@ class FitOptions(OptionGroup):
     """What the fit is best at. perceptual: what people see, so errors count more on smooth areas
     and less in texture. psnr: PSNR. The default is perceptual, but psnr for the smallest files and
     for inks."""
-
-    ssim_weight: Annotated[float | None, Interval(ge=0, le=1)] = None
-    """Weight of 1 - SSIM in a loss with ssim, from 0 to 1. The default is 0.2."""
 
     focus_strength: Annotated[float | None, Interval(ge=1, le=1000)] = None
     """Factor by which errors count more where the mask of --focus is white. The default is 4."""
@@ -111,6 +110,14 @@ class FitOptions(OptionGroup):
     of theirs and the paper's. The number is that of the strengths of each ink. 1 is solid ink
     alone, 3 also prints thirds of it, as greys of its plate."""
 
+    init: Literal["selective", "error", "random", "live"] = "selective"
+    """Where new Gaussians are placed, which become the shapes. selective: on the areas with most
+    error. error: at random, more often where the squared error is larger. random: anywhere. live:
+    as in the LIVE paper. --tune perceptual weights the error."""
+
+    relocate: bool = True
+    """During the fit, move the least useful Gaussians to where the error is large."""
+
     seed: Seed = 0
     """Random seed. The same seed gives the same file. Another seed often does too, because few
     choices are random by default."""
@@ -141,93 +148,50 @@ class FitOptions(OptionGroup):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DensifyOptions(OptionGroup):
-    """Options for adding and relocating Gaussians during the fit."""
-
-    init: Literal["selective", "error", "random", "live"] = "selective"
-    """Where new Gaussians are placed, which become the shapes. selective: on the areas with most
-    error. error: at random, more often where the squared error is larger. random: anywhere. live:
-    as in the LIVE paper. --tune perceptual weights the error."""
-
-    schedule: Literal["exponential", "linear", "all-at-once"] = "exponential"
-    """How the number of Gaussians grows over the rounds in which a fit adds them. Applies to a
-    given --gaussians."""
-
-    per_round: Annotated[int | None, Interval(ge=1, le=MOST_GAUSSIANS)] = None
-    """Number of Gaussians added in each round. exponential adds 1, 2, 4, ... up to this number.
-    Needs --gaussians."""
-
-    round_iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
-    """Number of steps of the fit in each round. Needs --gaussians."""
-
-    relocate: bool = True
-    """During the fit, move the least useful Gaussians to where the error is large."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class FitConfig:
-    """Settings of `fit`: two groups of options, and values from the run's preset and limits.
+    """Settings of `fit`: its options, and values from the run's preset and limits.
 
     gaussians   number of Gaussians, >= 0. If it is 0, the policy of the fit decides the number.
                 Without a policy, the scene then has no Gaussians
-    iterations  number of optimiser steps, >= 1. If it is None, only the deadline ends the fit
+    iterations  number of optimiser steps, >= 1
     reduce      whether early steps run on a smaller copy of the picture while there are few
                 Gaussians, because such steps are faster
     extend      whether the number of iterations is doubled if most of them run on a smaller copy
     opaque      whether all opacities stay 1, which makes files shorter
+    round_totals  total number of Gaussians after each round, of which the last is `gaussians`. If
+                it is empty, each round doubles the number
+    round_iterations  number of steps in each round. If it is None, the rounds share the first
+                GROWTH_SHARE of the iterations equally
     relocate_rarely  whether the number of steps between two relocations must be at least a
                 twentieth of the number of all steps. Fits of many steps need this
     """
 
     gaussians: int = 5000
-    iterations: int | None = 200
+    iterations: int = 200
     fit: FitOptions = FitOptions()
-    densify: DensifyOptions = DensifyOptions()
     reduce: bool = True
     extend: bool = False
     opaque: bool = False
+    round_totals: tuple[int, ...] = ()
+    round_iterations: int | None = None
     relocate_rarely: bool = False
 
     def __post_init__(self) -> None:
-        Field("gaussians", int, 0, MOST_GAUSSIANS).checked(self.gaussians)
-        if self.iterations is not None:
-            Field("iterations", int, 1, 10**9).checked(self.iterations)
-        fit, densify = self.fit, self.densify
-        if fit.blend == ADD and fit.falloff not in (None, GAUSSIAN):
+        if self.fit.blend == ADD and self.fit.falloff == ADAPTIVE:
             needed = f"{GAUSSIAN} with additive blending"
-            raise refusal("falloff", needed, quoted(fit.falloff), f"--blend {OVER}")
-        if fit.ssim_weight is not None and not has_ssim(fit.loss):
-            advice = f"--loss {'l1' if fit.loss == 'l1' else 'mse'}+ssim"
-            raise refusal("loss", "one with ssim if ssim_weight is given", quoted(fit.loss), advice)
-        each, per_round = densify.round_iterations, densify.per_round
-        if per_round is not None and densify.schedule == "all-at-once":
-            needed = "exponential or linear if per_round is given"
-            raise refusal("schedule", needed, quoted(densify.schedule))
-        if self.iterations is not None and (each or per_round):
-            steps = self.iterations if each else int(self.iterations * schedule.GROWTH_SHARE)
-            rounds = len(self.totals)
-            if rounds * (each or 1) > steps:
-                raise InputError(
-                    f"iterations must leave room for {rounds} rounds of {each or 1} or more; got "
-                    f"{steps} for the rounds. Try more --iterations or fewer rounds"
-                )
+            raise refusal("falloff", needed, quoted(ADAPTIVE), f"--blend {OVER}")
 
     @property
     def totals(self) -> list[int]:
         """Total number of Gaussians after each round, in ascending order."""
-        densify = self.densify
-        return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
+        return list(self.round_totals) or doubled(self.gaussians, self.iterations)
 
-    def steps(self, width: int, height: int) -> int | None:
-        """Return the number of steps for a picture of width x height px.
-
-        Return None if only the deadline ends the fit.
-        """
-        if self.iterations is None or not (self.extend and self.reduce and self.gaussians):
-            return self.iterations
-        start = schedule.GROWTH_SHARE
-        is_reduced = refinement_reduction(start, self.gaussians, width, height) > 1
-        return self.iterations * (2 if is_reduced else 1)
+    def steps(self, width: int, height: int) -> int:
+        """Return the number of steps for a picture of width x height px."""
+        start, can_extend = schedule.GROWTH_SHARE, self.extend and self.reduce and self.gaussians
+        if can_extend and refinement_reduction(start, self.gaussians, width, height) > 1:
+            return 2 * self.iterations
+        return self.iterations
 
 
 @dataclass(frozen=True)
@@ -260,7 +224,7 @@ class FitResult:
     cpu_s        CPU seconds, summed over all threads
     pixel_pairs  number of pairs of a pixel and a Gaussian that were evaluated, summed over all
                  steps. The forward and the backward pass over a pair count as one evaluation
-    stop_reason  one of gauss2svg.fit.session.STOP_REASONS
+    stop_reason  what ended growth or the whole fit, a word of docs/reference/report.md
     rollbacks    number of times that the fit diverged and was rolled back to its best state
     rate         factor by which all learning rates were multiplied at the end of the fit. It does
                  not include their scheduled decay

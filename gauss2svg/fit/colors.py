@@ -7,8 +7,6 @@ placed where another ink would lower the error. At regular intervals, each shape
 that gives the least error (docs/decisions/inks.md).
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 
@@ -16,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.core import Kernel
+from gauss2svg.core import Floats, Kernel, Reals
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.fit.target import Target
 from gauss2svg.scene.falloff import RIM_WIDTH
@@ -24,9 +22,7 @@ from gauss2svg.svg.forms import LEAST_PLAIN_BETA
 from gauss2svg.without_scipy import nearest_entry
 
 
-def best_colors(
-    state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def best_colors(state: State, gradient: Floats, mass: Floats) -> Floats:
     """Return for each shape the colour (n, 3) that would give the least error.
 
     gradient  (n, ...) has the gradients of the shapes' colours in the columns COLOR
@@ -47,9 +43,9 @@ class InkColors:
     color  (k, 3) their colours, sRGB in 0..1
     """
 
-    color: NDArray[np.float64]
+    color: Floats
 
-    def background(self, target: Target) -> NDArray[np.float64]:
+    def background(self, target: Target) -> Floats:
         """Return the commonest ink (3,) of the target.
 
         Each visible pixel is counted for the ink that is nearest to its colour.
@@ -90,16 +86,16 @@ class InkColors:
             picture[top : top + height, :, :3] = nearest
         return picture
 
-    def _entries(self, color: NDArray[np.floating]) -> NDArray[np.uint8]:
+    def _entries(self, color: Reals) -> NDArray[np.uint8]:
         """Return for each colour (h, w, 3) the index (h, w) of the nearest ink."""
         flat = color.reshape(-1, 3).astype(np.float64)
         return nearest_entry(self.color, flat)[1].reshape(color.shape[:2]).astype(np.uint8)
 
-    def nearest(self, color: NDArray[np.float64]) -> NDArray[np.float64]:
+    def nearest(self, color: Floats) -> Floats:
         """Return for each colour (n, 3) the nearest ink (n, 3)."""
         return self.color[nearest_entry(self.color, color)[1]]
 
-    def reducible(self, target: Target, rendered: NDArray[np.floating]) -> NDArray[np.floating]:
+    def reducible(self, target: Target, rendered: Reals) -> Reals:
         """Return a picture: the target minus the part of the error that other inks can reduce.
 
         New shapes are placed where this picture, and not the render, differs from the target.
@@ -120,7 +116,7 @@ class InkColors:
         return planar - toward * (np.sqrt(np.maximum(excess, 0)) / np.maximum(length, 1e-6))
 
     @staticmethod
-    def crisp_raw_betas(factor: NDArray[np.float64]) -> NDArray[np.float64]:
+    def crisp_raw_betas(factor: Floats) -> Floats:
         """Return ln beta (n,) of shapes whose rims are to be about 0.7 px wide.
 
         factor: Cholesky factors (n, 3) of the shapes, in px.
@@ -138,9 +134,7 @@ class InkColors:
 _sweep_colors = Kernel("sweep_colors", "int float64 float64 float64 int64 float float64")
 
 
-def solved_colors(
-    products: NDArray[np.float64], sums: NDArray[np.float64], levels: int
-) -> NDArray[np.float64]:
+def solved_colors(products: Floats, sums: Floats, levels: int) -> Floats:
     """Return colours (k, 3) that approximately solve the normal equations products @ colors = sums.
 
     The colours lie in 0..1 and are multiples of 1 / levels. The equations are first solved without

@@ -4,15 +4,13 @@ Connected components are found by a kernel. scikit-image has one too, but import
 third of a second (docs/decisions/start.md).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.core import Kernel
+from gauss2svg.core import Floats, Kernel, Reals
 from gauss2svg.fit.target import Target
 from gauss2svg.without_scipy import smoothed
 
@@ -28,15 +26,15 @@ class NewGaussians(NamedTuple):
     The colours are taken from the target, or, with additive blending, from the residual.
     """
 
-    mean: NDArray[np.float64]
-    factor: NDArray[np.float64]
-    color: NDArray[np.float64]
+    mean: Floats
+    factor: Floats
+    color: Floats
 
 
 def place(
     placement: str,
     target: Target,
-    rendered: NDArray[np.floating],
+    rendered: Reals,
     count: int,
     total: int,
     rng: np.random.Generator,
@@ -44,7 +42,7 @@ def place(
 ) -> NewGaussians:
     """Return `count` new Gaussians, which are to be added to a scene.
 
-    placement  one of the values of DensifyOptions.init
+    placement  one of the values of FitOptions.init
     rendered   render of the scene so far, an array of the shape of target.planar
     total      number of Gaussians of the scene, including the new ones
     additive   whether new Gaussians get their colours from the residual instead of the target
@@ -74,7 +72,7 @@ class _Placer:
     def __init__(
         self,
         target: Target,
-        rendered: NDArray[np.floating],
+        rendered: Reals,
         spacing: float,
         rng: np.random.Generator,
         additive: bool,
@@ -127,7 +125,7 @@ class _Placer:
         stretched. Its direction and the ratio of its axes follow from the second moments of the
         component.
         """
-        squares = None if self._target.has_ground else np.square(self._residual).sum(axis=0)
+        squares = None if self._target.ground else np.square(self._residual).sum(axis=0)
         area, center, (xx, xy, yy), color = self._components(
             count, 8 if squares is None else 4, squares
         )
@@ -174,11 +172,11 @@ class _Placer:
         factor = np.stack([sigma[:, 0], rho * sigma[:, 1], rest * sigma[:, 1]], axis=1)
         return NewGaussians(mean, factor, self._color_at(x, y))
 
-    def _color_at(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float64]:
+    def _color_at(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> Floats:
         return self._color[:, y, x].T.astype(np.float64)
 
     def _components(
-        self, count: int, bins: int = 8, weight: NDArray[np.floating] | None = None
+        self, count: int, bins: int = 8, weight: Reals | None = None
     ) -> tuple[Any, ...]:
         """Return the k <= `count` heaviest components, the heaviest first, as four arrays.
 
@@ -210,7 +208,7 @@ class _Placer:
         rank, area = rank[pixel], area[order]
         y, x = np.divmod(pixel, self._target.width)
 
-        def means(values: NDArray[np.number]) -> NDArray[np.float64]:
+        def means(values: NDArray[np.number]) -> Floats:
             return np.bincount(rank, values, len(area)) / area
 
         mx, my = means(x), means(y)

@@ -6,8 +6,6 @@ the largest Gaussian at the bottom, and gives each Gaussian the target's colour 
 positions, sizes and directions start as in the additive scene (docs/decisions/fit.md).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable
@@ -17,19 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
+from gauss2svg.core import Floats, Reals
 from gauss2svg.fit import DEFAULT_LOSS, FitConfig
 from gauss2svg.fit.colors import InkColors, best_colors
 from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
-from gauss2svg.fit.schedule import reduction, refinement_reduction, totals
-from gauss2svg.fit.state import (
-    COLOR,
-    COLUMNS,
-    LEAST_FITTED_SIGMA,
-    OPAQUE_LOGIT,
-    State,
-    columns_of,
-    step,
-)
+from gauss2svg.fit.schedule import ROUNDS, doubled, reduction, refinement_reduction
+from gauss2svg.fit.state import COLUMNS, LEAST_FITTED_SIGMA, OPAQUE_LOGIT, State, columns_of, step
 from gauss2svg.fit.target import LossAndGradient, Target, joined
 from gauss2svg.photo.pixels import has_alpha, psnr_of
 from gauss2svg.render.cpu import Splats
@@ -97,7 +88,7 @@ class Population:
         """Return the Gaussians as the arrays that the kernels read."""
         return self.state.splats(self.background, self.config.fit.blend)
 
-    def rendered(self) -> NDArray[np.floating]:
+    def rendered(self) -> Reals:
         """Return the render of the Gaussians, an array of the shape of target.planar."""
         return self.target.rendered(self.splats())
 
@@ -142,8 +133,7 @@ class Population:
 
     def evaluate(self, splats: Splats) -> LossAndGradient:
         """Return the loss of the Gaussians and its gradient."""
-        options = self.config.fit
-        return self.target.evaluate(splats, options.loss, options.ssim_weight)
+        return self.target.evaluate(splats, self.config.fit.loss)
 
     def step(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> bool:
         """Take an Adam step. Return whether the steps of all Gaussians were finite.
@@ -158,8 +148,9 @@ class Population:
         columns = columns_of(self.config.fit, self.config.opaque, shares)
         moments = evaluated.moments
         if self.shared is not None:
-            sums = [np.bincount(self.shared, column) for column in moments[:, COLOR].T]
-            moments[:, COLOR] = np.stack(sums, axis=1)[self.shared]
+            color = moments[:, COLUMNS["color"]]
+            sums = [np.bincount(self.shared, column) for column in color.T]
+            color[:] = np.stack(sums, axis=1)[self.shared]
         finite = step(
             self.state, moments, splats, columns, most_sigma, price, rate, self._least_sigma
         )
@@ -217,18 +208,14 @@ class Population:
         if target.visible is not None:
             visible = target.visible[y, x]
             order, x, y = order[visible], x[visible], y[visible]
-        self.state = state = State.of(
-            scene.mean[order],
-            scene.cholesky[order],
-            0,
+        self.state = State.of(
+            scene.mean[order], scene.cholesky[order], 0,
             raw_opacity=target.opacity_logits(scene.mean[order], INITIAL_OPACITY_LOGIT),
-            color=target.source_color[:, y, x].T.astype(np.float64),
-            raw_beta=self._first_raw_beta,
-        )
-        rounds = totals("exponential", len(order), None)[:-1]
-        index = np.searchsorted(rounds, np.arange(len(order)), side="right")
-        state.round_index = index.astype(np.int32)
-        self.round_index = int(index.max(initial=0))
+            color=target.source_color[:, y, x].T.astype(np.float64), raw_beta=self._first_raw_beta,
+        )  # fmt: skip
+        rounds, numbers = doubled(len(order), ROUNDS), np.arange(len(order))
+        self.state.round_index[:] = np.searchsorted(rounds, numbers, side="right")
+        self.round_index = int(self.state.round_index.max(initial=0))
 
     def begin_with(self, scene: Scene) -> None:
         """Begin with the shapes of a scene, scaled to the size of the target.
@@ -286,7 +273,7 @@ class Population:
         self._add(rendered, count, total)
         return True
 
-    def _remove(self, count: int) -> NDArray[np.floating]:
+    def _remove(self, count: int) -> Reals:
         """Remove the `count` least useful Gaussians. Return the render with them."""
         rendered, cost = self.target.removal_cost(self.splats())
         keep = np.argsort(cost[:, 0], kind="stable")[count:]
@@ -366,7 +353,7 @@ class Population:
         current, splats = self.state.color, self.splats()
         rendered, cost = self.target.removal_cost(splats)
         before = self.target.weighted_squares(rendered)
-        moments = self.target.evaluate(splats, DEFAULT_LOSS, None).moments
+        moments = self.target.evaluate(splats, DEFAULT_LOSS).moments
         best = inks.nearest(best_colors(self.state, moments, cost[:, 1]))
         changes = self.rng.random((len(current), 1)) < 0.5
         for color in (best, np.where(changes, best, current)):
@@ -391,13 +378,11 @@ class Population:
             state.raw_opacity[:] = OPAQUE_LOGIT
         return self._with_crisp_rims(state)
 
-    def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
+    def _add(self, rendered: Reals, count: int, total: int) -> None:
         if self.inks is not None:
             rendered = self.inks.reducible(self.target, rendered)
         additive = self.config.fit.blend == ADD
-        new = place(
-            self.config.densify.init, self.target, rendered, count, total, self.rng, additive
-        )
+        new = place(self.config.fit.init, self.target, rendered, count, total, self.rng, additive)
         opacity = self.target.opacity_logits(new.mean, self._first_raw_opacity)
         color = new.color
         if additive:
@@ -408,7 +393,7 @@ class Population:
         )  # fmt: skip
         self.state = self.state.append(self._inked(added))
 
-    def _overlap(self, new: NewGaussians) -> NDArray[np.float64]:
+    def _overlap(self, new: NewGaussians) -> Floats:
         """Return numbers (n,) >= 1 by which the colours of new additive Gaussians are divided.
 
         The number of a Gaussian is the sum of the falloffs of all new Gaussians at its mean, but at

@@ -4,9 +4,6 @@ Progress is a number in 0..1. It is measured both by iterations and by the wall 
 larger of the two values counts.
 """
 
-from __future__ import annotations
-
-import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -26,33 +23,14 @@ FULL_FROM = 0.55  # progress from which targets have their full size (docs/decis
 NEGLIGIBLE = 1e-5
 
 
-def totals(
-    schedule: str, gaussians: int, iterations: int | None, per_round: int | None = None
-) -> list[int]:
-    """Return the number of Gaussians after each round. After the last round it is `gaussians`.
+def doubled(gaussians: int, iterations: int) -> list[int]:
+    """Return the number of Gaussians after each round, if each round doubles it.
 
-    gaussians   number >= 0. If it is 0, there are no rounds
-    schedule    "exponential": each round doubles the number. "linear": each round adds the same
-                number. "all-at-once": there is only one round
-    iterations  number of steps, or None if the time limits the fit
-    per_round   number of Gaussians that a linear round adds, >= 1. An exponential round
-                i = 0, 1, .. adds min(2^i, per_round), as in the paper. If per_round is None, there
-                are at most ROUNDS rounds, and at most as many rounds as iterations
+    After the last round it is `gaussians`. There are at most ROUNDS rounds, and at most as many as
+    iterations. If `gaussians` is 0, there are none.
     """
-    if per_round is not None:
-        is_doubled = schedule == "exponential"
-        added = (min(2**i, per_round) if is_doubled else per_round for i in itertools.count())
-        counts = [*itertools.takewhile(gaussians.__gt__, itertools.accumulate(added)), gaussians]
-    elif schedule == "all-at-once":
-        counts = [gaussians]
-    else:
-        count = ROUNDS if iterations is None else min(ROUNDS, iterations)
-        exact = (
-            gaussians * 0.5 ** (count - r) if schedule == "exponential" else gaussians * r / count
-            for r in range(1, count + 1)
-        )
-        counts = map(math.ceil, exact)
-    return sorted(set(counts) - {0})
+    halvings = range(min(ROUNDS, iterations))
+    return sorted({math.ceil(gaussians * 0.5**k) for k in halvings} - {0})
 
 
 def reduction(gaussians: int, width: int, height: int) -> int:
@@ -117,11 +95,10 @@ class Clock:
 
     Growth takes the progress from 0 to GROWTH_SHARE, and refinement takes it to 1.
 
-    iterations        number of steps in growth and refinement together, or None for as many as the
-                      time allows
+    iterations        number of steps in growth and refinement together
     rounds            largest number of rounds of growth
     deadline          function that returns the time in s of time.perf_counter() at which the fit
-                      must end, or None if no time limits the fit
+                      must end. It is infinite if no time limits the fit
     round_iterations  number of steps in each round. If it is None, the rounds share the first
                       GROWTH_SHARE of the iterations equally
     stop              function that is called at every step. The fit ends when it returns True, and
@@ -130,9 +107,9 @@ class Clock:
 
     def __init__(
         self,
-        iterations: int | None,
+        iterations: int,
         rounds: int,
-        deadline: Callable[[], float | None] = lambda: None,
+        deadline: Callable[[], float] = lambda: math.inf,
         round_iterations: int | None = None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
@@ -140,7 +117,7 @@ class Clock:
         self._rounds, self._round_iterations = max(rounds, 1), round_iterations
         self._deadline, self.stopped = deadline, stop
         self._started_s, self._paused_s = time.perf_counter(), 0.0
-        self.begin_refinement(None, 0.0)
+        self.begin_refinement(iterations, 0.0)
 
     @property
     def elapsed_s(self) -> float:
@@ -153,11 +130,9 @@ class Clock:
 
     def round_is_over(self, index: int) -> bool:
         """Return whether round `index` (0, 1, ...) of growth has used up its steps or its time."""
-        # If only the time limits the fit, the time that 30 steps a round leave is of more use in
-        # refinement (docs/decisions/time.md).
-        steps = (self._round_iterations or 30) * (index + 1)
-        if self._round_iterations is None and self.iterations is not None:
-            steps = int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds
+        steps = int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds
+        if self._round_iterations is not None:
+            steps = self._round_iterations * (index + 1)
         late = self.share_of_time() >= GROWTH_SHARE * (index + 1) / self._rounds
         return self.iteration >= steps or late or self.stopped()
 
@@ -165,10 +140,8 @@ class Clock:
         """Return the progress in 0..GROWTH_SHARE at the end of round `index` of growth."""
         return GROWTH_SHARE * min((index + 1) / self._rounds, 1.0)
 
-    def begin_refinement(self, steps: int | None, progress: float, reduced: bool = False) -> None:
+    def begin_refinement(self, steps: int, progress: float, reduced: bool = False) -> None:
         """Begin refinement at `progress`. It ends after `steps` iterations or at the deadline.
-
-        If `steps` is None, only the deadline ends it.
 
         reduced: whether refinement begins on smaller copies of the picture, and takes most of its
         steps on them.
@@ -198,9 +171,7 @@ class Clock:
         """
         if self.stopped():
             return 1.0
-        by_steps = 0.0
-        if self._steps is not None:
-            by_steps = (self.iteration - self._first_step) / self._steps if self._steps else 1.0
+        by_steps = (self.iteration - self._first_step) / self._steps if self._steps > 0 else 1.0
         by_time = self.share_of_time(self._start_s)
         if not self._reduced:
             self.out_of_time = by_time > by_steps
@@ -221,10 +192,7 @@ class Clock:
 
         `since_s` is an earlier value of `elapsed_s`. If there is no deadline, the share is 0.
         """
-        deadline = self._deadline()
-        if deadline is None:
-            return 0.0
-        whole = deadline - self._started_s - since_s
+        whole = self._deadline() - self._started_s - since_s
         return (self.elapsed_s - since_s) / whole if whole > 0 else 1.0
 
 

@@ -16,8 +16,6 @@ The constants of this package come from ablations, which are in fit.md, placemen
 divergence.md and numbers.md of docs/decisions.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -43,22 +41,6 @@ from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import ADD, OVER, Scene
 
-# Reasons why growth or the whole fit ended:
-# iterations   all steps are done
-# gaussians    the fit has the number of Gaussians that the option gaussians sets, which may be 0
-# gain         one more round would have gained less PSNR than the preset asks for
-# enough       the PSNR that the preset asks for is reached, or nearly no error is left
-# cap          the largest allowed number of Gaussians is reached
-# start        the fit has as many Gaussians as the scene with which it started
-# max_bytes    the limit of the file size ended growth
-# time_limit   the limit of the time ended growth or the fit
-# interrupted  the caller stopped the fit
-# If a run ends because it meets a target, its report has none of these reasons but the name of the
-# option that sets the target.
-STOP_REASONS = (
-    "iterations", "gaussians", "gain", "enough", "cap", "start", "max_bytes", "time_limit",
-    "interrupted",
-)  # fmt: skip
 # Progress in refinement at which a policy may change the number of Gaussians.
 ADJUST_AT = (0.45, 0.55, 0.65)
 # Progress at which an action of a fit is due, and the action.
@@ -92,7 +74,7 @@ class DensificationPolicy:
     """A policy that decides the number of Gaussians. This base class follows FitConfig.totals.
 
     rounds       approximate number of rounds of growth
-    stop_reason  reason why growth ended, one of STOP_REASONS. It is valid once growth has ended
+    stop_reason  reason why growth ended, as in FitResult. It is valid once growth has ended
     least_gain   gain in dB that a Gaussian must bring. Gaussians that gain less are pruned before
                  the last steps
     """
@@ -133,7 +115,7 @@ class FitSession:
     policy      policy that decides the number of Gaussians. If it is None, the number follows
                 config.totals
     deadline    function that returns the time in s of time.perf_counter() at which the fit must
-                end, or None if no time limits the fit
+                end. It is infinite if no time limits the fit
     progress    function that is called after every iteration, in the thread that fits
     as_written  function from a scene and its PSNR in dB to the scene with the exponents and colours
                 of its file. It is called before the last steps, so that these steps can make up for
@@ -147,7 +129,7 @@ class FitSession:
         target: Target,
         config: FitConfig,
         policy: DensificationPolicy | None = None,
-        deadline: Callable[[], float | None] = lambda: None,
+        deadline: Callable[[], float] = lambda: math.inf,
         progress: Callable[[FitProgress], None] | None = None,
         as_written: AsWritten | None = None,
         stop: Callable[[], bool] = lambda: False,
@@ -155,9 +137,7 @@ class FitSession:
         self.config = config
         self.policy = policy or DensificationPolicy(config)
         steps = config.steps(target.width, target.height)
-        self.clock = Clock(
-            steps, self.policy.rounds, deadline, config.densify.round_iterations, stop
-        )
+        self.clock = Clock(steps, self.policy.rounds, deadline, config.round_iterations, stop)
         self.population = Population(target, config)
         self.guard = DivergenceGuard(config.fit.learning_rate)
         self.pixel_pairs = 0
@@ -178,8 +158,7 @@ class FitSession:
                 return
             if not len(self.state):
                 self._grow()
-            total = self.clock.iterations
-            steps = None if total is None else total - self.clock.iteration
+            steps = self.clock.iterations - self.clock.iteration
             adjustments = [(at, self._adjust) for at in ADJUST_AT]
             pruning = schedule.DECAY_START, self._prune
             self._refine(steps, schedule.GROWTH_SHARE, [*adjustments, pruning])
@@ -234,16 +213,12 @@ class FitSession:
         """Return the scene and the costs so far."""
         reason = "time_limit" if self.clock.out_of_time else self.policy.stop_reason
         return FitResult(
-            scene=self.scene(),
-            iterations=self.clock.iteration,
+            self.scene(), self.clock.iteration,
             rounds=self.population.round_index + 1 if len(self.state) else 0,
-            wall_s=self.wall_s,
-            cpu_s=self.cpu_s,
-            pixel_pairs=self.pixel_pairs,
+            wall_s=self.wall_s, cpu_s=self.cpu_s, pixel_pairs=self.pixel_pairs,
             stop_reason="interrupted" if self.clock.stopped() else reason,
-            rollbacks=self.guard.rollbacks,
-            rate=self.config.fit.learning_rate * self.guard.rate,
-        )
+            rollbacks=self.guard.rollbacks, rate=self.config.fit.learning_rate * self.guard.rate,
+        )  # fmt: skip
 
     def _grow(self) -> None:
         """Run rounds of growth until the policy ends them.
@@ -270,11 +245,11 @@ class FitSession:
             self._restore_best(tolerant=not clock.stopped())
 
     def _refine(
-        self, steps: int | None, start: float, events: Iterable[_Event], gently: bool = False
+        self, steps: int, start: float, events: Iterable[_Event], gently: bool = False
     ) -> None:
         """Take steps from progress `start` to 1.
 
-        steps   number of steps, or None for as many as the time allows
+        steps   number of steps
         events  events to do on the way, in addition to the events of every refinement
         gently  whether the first steps are small
         """
@@ -371,12 +346,8 @@ class FitSession:
         """
         population, guard = self.population, self.guard
         is_due = schedule.relocates(done, self.clock.iteration, self.config.relocate_rarely)
-        if (
-            is_due
-            and self._error > NEGLIGIBLE
-            and self.config.densify.relocate
-            and population.relocate()
-        ):
+        is_due &= self.config.fit.relocate and self._error > NEGLIGIBLE
+        if is_due and population.relocate():
             guard.allow_rise()
         if population.inks is not None and self.clock.iteration % 20 == 0:
             population.exchange_inks(population.inks)
@@ -398,18 +369,11 @@ class FitSession:
         self.pixel_pairs += evaluated.pairs
         self.clock.iteration += 1
         elapsed = self.clock.elapsed_s
-        self._progress(
-            FitProgress(
-                round=population.round_index + 1,
-                iteration=self.clock.iteration,
-                done=done,
-                gaussians=len(population),
-                psnr=psnr_of(self._error),
-                elapsed_s=elapsed,
-                remaining_s=elapsed / max(done, 0.01) * (1 - done),
-                scene=population.scene,
-            )
-        )
+        self._progress(FitProgress(
+            population.round_index + 1, self.clock.iteration, done, len(population),
+            psnr_of(self._error), elapsed, remaining_s=elapsed / max(done, 0.01) * (1 - done),
+            scene=population.scene,
+        ))  # fmt: skip
 
     @contextmanager
     def _timed(self) -> Iterator[None]:
@@ -447,12 +411,10 @@ def convert_additive(
 
     Alpha-composited shapes are useful because every renderer draws them. They are fitted to
     `pixels`, which are (h, w, 3) float32 in 0..1, or to the render of the scene if `pixels` is
-    None. The module gauss2svg.fit.population describes the method. The values of config.gaussians
-    and config.densify are ignored. Raise InputError unless the scene is additive and
-    config.fit.blend is "over".
+    None. The module gauss2svg.fit.population describes the method. The value of config.gaussians is
+    ignored. Raise InputError unless the scene is additive and config.fit.blend is "over".
     """
-    config = config or FitConfig()
-    config = dataclasses.replace(config, gaussians=len(scene), densify=FitConfig.densify)
+    config = dataclasses.replace(config or FitConfig(), gaussians=len(scene))
     blends = scene.blend, config.fit.blend
     if blends != (ADD, OVER):
         needed = f"additive, and fitted by a config of blend {OVER!r}"

@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.core import Kernel
+from gauss2svg.core import Floats, Kernel
 from gauss2svg.fit import FitOptions
 from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
@@ -69,25 +69,19 @@ class State:
     age          (n,) number of Adam steps that each Gaussian has taken
     """
 
-    mean: NDArray[np.float64]
-    factor: NDArray[np.float64]
-    raw_opacity: NDArray[np.float64]
-    color: NDArray[np.float64]
-    raw_beta: NDArray[np.float64]
+    mean: Floats
+    factor: Floats
+    raw_opacity: Floats
+    color: Floats
+    raw_beta: Floats
     round_index: NDArray[np.int32]
     drawn: NDArray[np.int8]
-    adam_m: NDArray[np.float64]
-    adam_v: NDArray[np.float64]
-    age: NDArray[np.float64]
+    adam_m: Floats
+    adam_v: Floats
+    age: Floats
 
     @classmethod
-    def of(
-        cls,
-        mean: NDArray[np.float64],
-        factor: NDArray[np.float64],
-        round_index: int,
-        **raw: NDArray[np.float64] | float,
-    ) -> State:
+    def of(cls, mean: Floats, factor: Floats, round_index: int, **raw: Floats | float) -> State:
         """Return new Gaussians of one round, whose Adam moments are 0.
 
         raw: raw parameters, by the names of the fields of State. They are arrays, or one number for
@@ -95,19 +89,14 @@ class State:
         """
         count = len(mean)
         # The arrays are copied to C order, because the kernels are compiled for it.
+        stepped = {f.name: np.full(p.shape(count), raw.get(f.name, 0.0)) for p, f in STEPPED}
+        moments = np.zeros((2, count, COLUMN_COUNT))
         return cls(
-            mean=np.array(mean, order="C"),
-            factor=np.array(factor, order="C"),
-            **{
-                form.name: np.full(parameter.shape(count), raw.get(form.name, 0.0))
-                for parameter, form in STEPPED
-            },
+            mean=np.array(mean, order="C"), factor=np.array(factor, order="C"), **stepped,
             round_index=np.full(count, round_index, np.int32),
             drawn=np.full(count, SOFT, np.int8),
-            adam_m=np.zeros((count, COLUMN_COUNT)),
-            adam_v=np.zeros((count, COLUMN_COUNT)),
-            age=np.zeros(count),
-        )
+            adam_m=moments[0], adam_v=moments[1], age=np.zeros(count),
+        )  # fmt: skip
 
     @classmethod
     def of_scene(cls, scene: Scene) -> State:
@@ -159,35 +148,25 @@ class State:
 
     def scaled(self, scale_x: float, scale_y: float) -> State:
         """Return the state on a working image whose sides are scaled by scale_x and scale_y."""
-        return dataclasses.replace(
-            self,
-            mean=self.mean * [scale_x, scale_y],
-            factor=self.factor * [scale_x, scale_y, scale_y],
-        )
+        mean = self.mean * [scale_x, scale_y]
+        factor = self.factor * [scale_x, scale_y, scale_y]
+        return dataclasses.replace(self, mean=mean, factor=factor)
 
     def _activated(self) -> dict[str, Any]:
         return {p.name: raw.activated(getattr(self, raw.name)) for p, raw in STEPPED}
 
-    def splats(self, background: NDArray[np.float64], blend: str = OVER) -> Splats:
+    def splats(self, background: Floats, blend: str = OVER) -> Splats:
         """Return the Gaussians as the arrays that the kernels read.
 
         The raw parameters are converted, for example logits to opacities.
         """
         sigma, rho, whitening = _activate(self.factor)
         return splats_from(
-            self.mean,
-            sigma,
-            rho,
-            whitening,
-            background=background,
-            additive=blend == ADD,
-            is_plain=self.drawn == PLAIN,
-            **self._activated(),
-        )
+            self.mean, sigma, rho, whitening, background=background, additive=blend == ADD,
+            is_plain=self.drawn == PLAIN, **self._activated(),
+        )  # fmt: skip
 
-    def scene(
-        self, background: NDArray[np.float64], width: float, height: float, blend: str = OVER
-    ) -> Scene:
+    def scene(self, background: Floats, width: float, height: float, blend: str = OVER) -> Scene:
         """Return the Gaussians as a scene.
 
         The raw parameters are converted, for example logits to opacities, and the values are
@@ -199,22 +178,12 @@ class State:
             p.name: np.clip(activated[p.name], *p.domain(blend)) for p, _ in STEPPED
         }
         return Scene(
-            width,
-            height,
-            mean=self.mean,
-            sigma=sigma,
-            rho=rho,
-            background=background,
-            round_index=self.round_index,
-            blend=blend,
-            drawn=self.drawn,
-            **clipped,
-        )
+            width, height, mean=self.mean, sigma=sigma, rho=rho, background=background, blend=blend,
+            round_index=self.round_index, drawn=self.drawn, **clipped,
+        )  # fmt: skip
 
 
-def _activate(
-    factor: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _activate(factor: Floats) -> tuple[Floats, Floats, Floats]:
     """Return sigma (n, 2), rho (n,) and the whitening w11, w21, w22 (n, 3) of Cholesky factors."""
     l11, l21, l22 = factor.T
     sy = np.sqrt(l21 * l21 + l22 * l22)
@@ -244,9 +213,7 @@ LEAST_FITTED_SIGMA = 0.35
 OPAQUE_LOGIT = 12.0
 
 
-def columns_of(
-    options: FitOptions, opaque: bool = False, shares: bool = False
-) -> NDArray[np.float64]:
+def columns_of(options: FitOptions, opaque: bool = False, shares: bool = False) -> Floats:
     """Return the learning rate and the bounds (COLUMN_COUNT, 3) of each column of Adam's arrays.
 
     opaque  whether all shapes are opaque from the first step to the last
@@ -286,9 +253,9 @@ _step_gaussians = Kernel(
 
 def step(
     state: State,
-    moments: NDArray[np.float64],
+    moments: Floats,
     splats: Splats,
-    columns: NDArray[np.float64],
+    columns: Floats,
     most_sigma: float,
     price: float = 0.0,
     rate: float = 1.0,

@@ -18,7 +18,7 @@ then means that are weighted by the mask.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import reduce
 from operator import add
 from typing import Any, NamedTuple
@@ -27,16 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
+from gauss2svg.core import Floats, Reals
 from gauss2svg.errors import refusal
 from gauss2svg.fit import DEFAULT_LOSS, PERCEPTUAL, PSNR, LossFunction, LossName, has_ssim
 from gauss2svg.photo.pixels import BACKDROPS, Focus, has_alpha, shrunk
-from gauss2svg.render.cpu import (
-    Splats,
-    moments_of_gradient,
-    removal_cost,
-    render_planar,
-    squared_error,
-)
+from gauss2svg.render import cpu
+from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import Scene
 from gauss2svg.without_scipy import smoothed
 
@@ -56,9 +52,9 @@ class LossAndGradient(NamedTuple):
 
     loss: float
     error: float
-    moments: NDArray[np.float64]
+    moments: Floats
     pairs: int
-    rendered: tuple[NDArray[np.floating], ...]
+    rendered: tuple[Reals, ...]
 
 
 class Target:
@@ -93,7 +89,7 @@ class Target:
 
     def __init__(
         self,
-        pixels: NDArray[np.floating],
+        pixels: Reals,
         tune: str,
         transform: Callable[[NDArray[Any]], NDArray[Any]] | None = None,
         mask: Focus | None = None,
@@ -111,7 +107,7 @@ class Target:
         self.is_transparent = alpha is not None
         if alpha is None:
             self.planar = self.source_color = color
-            self._views: list[tuple[NDArray[np.floating], float | None]] = [(color, None)]
+            self._views: list[tuple[Reals, float | None]] = [(color, None)]
         else:
             self.visible = visible = alpha >= 0.5 / 255
             self.source_color = _filled(color, visible)
@@ -119,13 +115,12 @@ class Target:
             self.planar = np.concatenate(composites)
             self._views = [(self.planar[3 * k : 3 * k + 3], b) for k, b in enumerate(BACKDROPS)]
         self.weight = weight = pixel_weight([planar for planar, _ in self._views], tune)
-        self.focus: NDArray[np.floating] | None = None
+        self.focus: Reals | None = None
         if mask is not None:
             self.focus = mask.weight(self.height, self.width).astype(planar.dtype)
             self.weight = self.focus * weight
             self.weight *= weight.mean() / self.weight.mean()
-        self.has_ground = ground is not None
-        self._grounds: dict[float | None, NDArray[np.floating]] = {}
+        self._grounds: dict[float | None, Reals] = {}
         if ground is not None:
             from gauss2svg.render.areas import ground_of  # few fits need its kernels
 
@@ -142,7 +137,7 @@ class Target:
         return self._reduced[factor]
 
     @property
-    def visible_weight(self) -> NDArray[np.floating] | None:
+    def visible_weight(self) -> Reals | None:
         """Weight (h, w) that says how much an error at each pixel matters to a viewer.
 
         Its mean is 1. It is None if all weights are 1. In contrast to `weight`, it never contains
@@ -155,13 +150,16 @@ class Target:
         """Whether no pixel of the target is visible."""
         return self.visible is not None and not self.visible.any()
 
-    def _over(self, splats: Splats, backdrop: float | None) -> Splats:
-        """Return the splats over the ground, if there is one, and over a grey level if given."""
-        if self._grounds:
-            return splats._replace(ground=self._grounds[backdrop])
-        return splats if backdrop is None else splats._replace(background=np.full(3, backdrop))
+    def _over_each(self, splats: Splats) -> Iterator[tuple[Reals, Splats]]:
+        """Yield the picture over each backdrop, and the splats over it or over the ground."""
+        for planar, backdrop in self._views:
+            if self._grounds:
+                splats = splats._replace(ground=self._grounds[backdrop])
+            elif backdrop is not None:
+                splats = splats._replace(background=np.full(3, backdrop))
+            yield planar, splats
 
-    def opacity_logits(self, mean: NDArray[np.float64], usual_logit: float) -> NDArray[np.float64]:
+    def opacity_logits(self, mean: Floats, usual_logit: float) -> Floats:
         """Return the logits (n,) of the initial opacities of Gaussians with means `mean` (n, 2).
 
         The logit is `usual_logit` on an opaque target. On a target with alpha, the opacity is the
@@ -175,46 +173,40 @@ class Target:
         opacity = np.clip(opacity, 0.02, 0.98).astype(np.float64)
         return portable.log(opacity / (1 - opacity))
 
-    def rendered(self, splats: Splats) -> NDArray[np.floating]:
+    def rendered(self, splats: Splats) -> Reals:
         """Return the render of the Gaussians, an array of the shape of `planar`."""
         real, size = self.planar.dtype.type, (self.height, self.width)
-        return joined([render_planar(self._over(splats, b), *size, real) for _, b in self._views])
+        return joined([cpu.render_planar(one, *size, real) for _, one in self._over_each(splats)])
 
-    def error_of(
-        self, rendered: NDArray[np.floating], planar: NDArray[np.floating] | None = None
-    ) -> float:
+    def error_of(self, rendered: Reals, planar: Reals | None = None) -> float:
         """Return the mean squared error of a render against `planar`, by default all of it."""
         squares = np.square(rendered - (self.planar if planar is None else planar))
         if self.focus is not None:
             squares *= self.focus
         return float(np.mean(squares, dtype=np.float64))
 
-    def evaluate(
-        self, splats: Splats, loss: LossName | LossFunction, ssim_weight: float | None
-    ) -> LossAndGradient:
+    def evaluate(self, splats: Splats, loss: LossName | LossFunction) -> LossAndGradient:
         """Return the loss of the Gaussians and its gradient.
 
-        loss         one of the values of FitOptions.loss
-        ssim_weight  weight of 1 - SSIM in 0..1, or None for 0.2
+        loss: one of the values of FitOptions.loss.
         """
         parts: list[LossAndGradient] = []
         weight = self.weight if loss == DEFAULT_LOSS else self.focus
-        for planar, backdrop in self._views:
-            on_backdrop = self._over(splats, backdrop)
-            image, squares, moments, rows = squared_error(on_backdrop, planar, weight)
+        for planar, on_backdrop in self._over_each(splats):
+            image, squares, moments, rows = cpu.squared_error(on_backdrop, planar, weight)
             if self.focus is not None:
                 squares = self.error_of(image, planar) * planar.size
             value = 0.5 * squares
             if loss not in SQUARED_LOSSES:
-                mean, gradient = image_gradient(loss, image, planar, ssim_weight, self.focus)
-                value, moments = mean * planar.size, moments_of_gradient(on_backdrop, gradient)
+                mean, gradient = image_gradient(loss, image, planar, self.focus)
+                value, moments = mean * planar.size, cpu.moments_of_gradient(on_backdrop, gradient)
             # squared_error counts pair rows. A pair row has 16 px, so it is 16 pixel-Gaussian
             # pairs.
             error = squares / planar.size / len(self._views)
             parts.append(LossAndGradient(value, error, moments, rows * 16, (image,)))
         return LossAndGradient(*(reduce(add, values) for values in zip(*parts, strict=True)))
 
-    def weighted_squares(self, rendered: NDArray[np.floating]) -> float:
+    def weighted_squares(self, rendered: Reals) -> float:
         """Return the sum of the squared errors of a render, weighted by `weight`.
 
         rendered: render of the shape of `planar`.
@@ -222,24 +214,23 @@ class Target:
         squares = np.square(rendered - self.planar) * self.weight
         return float(np.sum(squares, dtype=np.float64))
 
-    def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
+    def removal_cost(self, splats: Splats) -> tuple[Reals, Floats]:
         """Return the render, and an array (n, 2).
 
         The render has the shape of `planar`. The array has the removal cost and the mass of each
         Gaussian, which gauss2svg.render.cpu.removal_cost defines.
         """
-        parts = [
-            removal_cost(self._over(splats, b), planar, self.weight) for planar, b in self._views
-        ]
+        over = self._over_each(splats)
+        parts = [cpu.removal_cost(one, planar, self.weight) for planar, one in over]
         return joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 
-def joined(images: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
+def joined(images: Sequence[Reals]) -> Reals:
     """Return renders (3, h, w), one for each backdrop, as an array of the shape of `planar`."""
     return images[0] if len(images) == 1 else np.concatenate(images)
 
 
-def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[np.floating]:
+def _filled(color: Reals, visible: NDArray[np.bool_]) -> Reals:
     """Return `color` (3, h, w) with the colours of invisible pixels replaced.
 
     Each invisible pixel gets the colour of the nearest visible pixel, if there is one.
@@ -258,7 +249,7 @@ CONTRAST = 0.03  # c: standard deviation of luma (0..1) above which texture mask
 MOST_VARIANCE = 0.03  # m (docs/decisions/perceptual.md)
 
 
-def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.floating]:
+def pixel_weight(views: list[Reals], tune: str) -> Reals:
     """Return the weight (h, w) > 0 of the squared error at each pixel of a picture.
 
     views: the picture (3, h, w) over each of its backdrops, or only the picture if it is opaque.
@@ -276,39 +267,36 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     return weight.astype(views[0].dtype)
 
 
-def _slope_energy(luma: NDArray[np.floating]) -> NDArray[np.floating]:
+def _slope_energy(luma: Reals) -> Reals:
     """Smooth `luma` (h, w), and return the square of its gradient (h, w)."""
     luma = smoothed(luma, 1.0)
     axes = [axis for axis in (1, 0) if luma.shape[axis] > 1]
     return sum((np.square(np.gradient(luma, axis=axis)) for axis in axes), np.zeros_like(luma))
 
 
-def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
+def _local_variance(luma: Reals) -> Reals:
     mean = smoothed(luma, 2.0)
     return np.maximum(smoothed(luma * luma, 2.0) - mean * mean, 0)
 
 
 SQUARED_LOSSES = (DEFAULT_LOSS, "mse")  # a kernel computes these and their gradients
+# The weight of SSIM in "3D Gaussian Splatting for Real-Time Radiance Field Rendering" (Kerbl et
+# al., 2023)
+SSIM_WEIGHT = 0.2
 
 
 def image_gradient(
-    loss: LossName | LossFunction,
-    rendered: NDArray[np.floating],
-    target: NDArray[np.floating],
-    ssim_weight: float | None = None,
-    focus: NDArray[np.floating] | None = None,
-) -> tuple[float, NDArray[np.floating]]:
+    loss: LossName | LossFunction, rendered: Reals, target: Reals, focus: Reals | None = None
+) -> tuple[float, Reals]:
     """Return the loss and its gradient (3, h, w) with respect to rendered (3, h, w).
 
-    loss         a function, or mse or l1, which may be followed by +ssim
-    ssim_weight  weight w of the SSIM term in 0..1. If it is None, w is 0.2, as in "3D
-                 Gaussian Splatting for Real-Time Radiance Field Rendering" (Kerbl et al., 2023)
-    focus        (h, w) weight of each pixel, of mean 1. If it is None, all weights are 1
+    loss   a function, or mse or l1, which may be followed by +ssim
+    focus  (h, w) weight of each pixel, of mean 1. If it is None, all weights are 1
 
     Let p be the mean of the pixel loss over all values of the image, weighted by `focus`. Without
-    +ssim, the loss is p. With +ssim, it is (1 - w) p + w (1 - SSIM). The gradient of the loss is
-    multiplied by the number of values of the image, so that its scale does not depend on the size
-    of the image.
+    +ssim, the loss is p. With +ssim, it is (1 - w) p + w (1 - SSIM), where w is SSIM_WEIGHT. The
+    gradient of the loss is multiplied by the number of values of the image, so that its scale does
+    not depend on the size of the image.
     """
     if not isinstance(loss, str):
         return _by_function(loss, rendered, target)
@@ -321,19 +309,16 @@ def image_gradient(
         losses, gradient = losses * focus, gradient * focus
     value = np.mean(losses, dtype=np.float64)
     if has_ssim(loss):
-        weight = 0.2 if ssim_weight is None else ssim_weight
-        value *= 1 - weight
-        gradient *= 1 - weight
+        value *= 1 - SSIM_WEIGHT
+        gradient *= 1 - SSIM_WEIGHT
         for channel, planes in enumerate(zip(rendered, target, strict=True)):
             similarity, slope = structural_similarity(*planes, focus)
-            value += weight * (1 - similarity) / len(rendered)
-            gradient[channel] -= weight * slope
+            value += SSIM_WEIGHT * (1 - similarity) / len(rendered)
+            gradient[channel] -= SSIM_WEIGHT * slope
     return float(value), gradient
 
 
-def _by_function(
-    loss: LossFunction, rendered: NDArray[np.floating], target: NDArray[np.floating]
-) -> tuple[float, NDArray[np.floating]]:
+def _by_function(loss: LossFunction, rendered: Reals, target: Reals) -> tuple[float, Reals]:
     """Return the loss of a function and its gradient, as image_gradient does.
 
     Raise InputError if the loss is below 0, because the guard against divergence compares ratios,
@@ -360,10 +345,8 @@ def _by_function(
 
 
 def structural_similarity(
-    image: NDArray[np.floating],
-    target: NDArray[np.floating],
-    focus: NDArray[np.floating] | None = None,
-) -> tuple[float, NDArray[np.floating]]:
+    image: Reals, target: Reals, focus: Reals | None = None
+) -> tuple[float, Reals]:
     """Return the mean SSIM of two planes (h, w), and its gradient (h, w) multiplied by h w.
 
     The gradient is the derivative of the mean SSIM with respect to each pixel of `image`. In the
@@ -392,10 +375,10 @@ def structural_similarity(
     # diverged.
     weight = 1 if focus is None else focus[windows] / focus[windows].mean()
 
-    def blurred(plane: NDArray[np.floating]) -> NDArray[np.floating]:
+    def blurred(plane: Reals) -> Reals:
         return smoothed(plane, 1.5, radius / 1.5)
 
-    def gathered(slope: NDArray[np.floating]) -> NDArray[np.floating]:
+    def gathered(slope: Reals) -> Reals:
         padded = np.zeros_like(image)
         padded[windows] = slope * weight
         return blurred(padded)

@@ -237,7 +237,7 @@ class CheckOptions(OptionGroup):
     max_elements: Annotated[int, Interval(ge=1)] = 1_000_000
     """Maximum number of elements in the SVG."""
 
-    draw_timeout: Annotated[float, Interval(gt=0, le=86400)] = 300.0
+    draw_timeout: Annotated[float, Interval(ge=0.001, le=86400)] = 300.0
     """Maximum time (s) for rasterising the SVG, up to 86400. chromium, librsvg, firefox and
     inkscape stop after 300 s in any case."""
 
@@ -252,7 +252,7 @@ class CheckOptions(OptionGroup):
     """Background colour for a transparent photo: a name such as white, #fa0 or #ffaa00. If not
     given, transparency is compared too."""
 
-    reference_scale: Annotated[float | None, Interval(gt=0, le=MOST_PIXELS)] = None
+    reference_scale: Annotated[float | None, Interval(ge=1e-6, le=MOST_PIXELS)] = None
     """Factor by which the SVG is enlarged to compare it with --reference. The default is 4."""
 
 

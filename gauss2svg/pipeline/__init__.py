@@ -11,7 +11,7 @@
 These are the words of this package:
 
 search      one way to carry out a plan: a class ByCount, ByBytes or ByAreas, whose method `run`
-            returns an outcome. Pixel art needs no search, but the function `exact`
+            returns an outcome. Pixel art needs no search
 by count    a search that fits one scene, and corrects the number of Gaussians until the file meets
             the targets and limits of the user
 by bytes    a search for small files that fill a limit of bytes. It fits a few scenes of few

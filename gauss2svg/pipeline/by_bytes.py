@@ -23,8 +23,6 @@ PSNR that is lost when the coordinates are rounded.
 docs/decisions/small.md explains the constants.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -35,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
+from gauss2svg.fit import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.fit.session import FitSession
 from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, psnr_of, shrunk, views
@@ -164,7 +162,7 @@ class ByBytes:
     def _fit(self, count: int, init: str, exponents: Exponents, rate: float) -> Scene:
         """Fit `count` shapes. Return the scene, scaled to the canvas.
 
-        init  way in which the fit places shapes, as in DensifyOptions
+        init  way in which the fit places shapes, as in FitOptions
         rate  factor on the learning rate
         """
         subject, options = self.subject, self._plan.options.fit
@@ -172,8 +170,7 @@ class ByBytes:
         config = FitConfig(
             gaussians=count,
             iterations=options.iterations or (600 if self._is_flat else ITERATIONS),
-            fit=dataclasses.replace(options, tune=tune, learning_rate=rate),
-            densify=DensifyOptions(init=init),  # pyright: ignore[reportArgumentType]
+            fit=dataclasses.replace(options, tune=tune, learning_rate=rate, init=init),  # pyright: ignore[reportArgumentType]
             reduce=False,
             opaque=not has_alpha(subject.working),
         )
@@ -185,12 +182,9 @@ class ByBytes:
             self._run.notify("fit", dataclasses.replace(now, done=done, remaining_s=left_s))
 
         session = FitSession(
-            subject.target(tune),
-            config,
-            progress=progress,
+            subject.target(tune), config, progress=progress, stop=self._stop,
             as_written=lambda scene, _: with_few_exponents(scene, exponents),
-            stop=self._stop,
-        )
+        )  # fmt: skip
         session.fit()
         self.fits.append(session.result())
         return scaled_to(session.scene(), subject.canvas)

@@ -29,8 +29,6 @@ the gain of a doubling from growth, where it was 3.2 dB. Later corrections take 
 exports, but assume at least 1.5 dB.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from bisect import bisect
@@ -46,7 +44,7 @@ from gauss2svg.photo.pixels import has_alpha, over
 from gauss2svg.pipeline.outcome import FULL, Export, Exporter, Outcome, Subject
 from gauss2svg.pipeline.plan import CAP_FOR_TARGET, GZIP, USUAL_BYTES, Aim, Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
 
 FIRST_ROUND = 8  # number of Gaussians in the first round of growth
@@ -138,9 +136,21 @@ class ByCount(DensificationPolicy):
 
     def run(self) -> Outcome:
         """Fit and write a scene, correct the count as long as this helps, and return the best."""
-        plan, run = self._plan, self._run
+        plan, run, start, config = self._plan, self._run, self._subject.start, self._plan.fit_config
         exports = list[Export]()
-        session, additive = self._fitted()
+        run.stop()
+        additive = self._additive() if plan.options.svg.portable else None
+        run.budget.begin_fit(self.expected)
+        if plan.only_time_limits:
+            # The fit begins with few Gaussians on reduced pictures, because its steps are faster.
+            config = dataclasses.replace(config, gaussians=self.expected)
+        session = self._session(self._subject.target(plan.tune), config)
+        if additive is not None:
+            session.adopt(additive.scene, plan.fit_config.gaussians)
+        if start and not session.population.target.is_blank:
+            self._refine(session, start)
+        else:
+            session.fit()
         self._phase = "correct"
         while True:
             run.notify("write")
@@ -167,38 +177,18 @@ class ByCount(DensificationPolicy):
         fitted = fitted.after(additive, fitted.stop_reason)
         return self._exporter.outcome(best, fitted, len(exports) - 1)
 
-    def _fitted(self) -> tuple[FitSession, FitResult | None]:
-        """Run the fit whose scene the first file shows. Return this fit.
-
-        For a portable file, an additive fit runs before it. Return the result of the additive fit
-        too, or None if there is none. If a time limit alone decides how many steps the returned fit
-        has, the fit begins with few Gaussians on reduced pictures, because its steps are then
-        faster.
-        """
-        plan, run, additive = self._plan, self._run, None
-        run.stop()
-        if plan.options.svg.portable:
-            run.budget.begin_fit(self.expected, share=0.35)
-            self._phase = "additive"
-            working, target = self._subject.working, self._subject.target(plan.tune)
-            if has_alpha(working):
-                target = Target(over(working), plan.tune)
-            first = self._session(target, plan.config(ADD))
-            first.fit()
-            additive, self._phase = first.result(), "fit"
-        run.budget.begin_fit(self.expected)
-        config = plan.fit_config
-        if plan.only_time_limits:
-            config = dataclasses.replace(config, gaussians=self.expected)
-        session = self._session(self._subject.target(plan.tune), config)
-        if additive is not None:
-            session.adopt(additive.scene, plan.fit_config.gaussians)
-        start = self._subject.start
-        if start and not session.population.target.is_blank:
-            self._refine(session, start)
-        else:
-            session.fit()
-        return session, additive
+    def _additive(self) -> FitResult:
+        """Run the additive fit of a portable file, whose Gaussians the fit of the file adopts."""
+        plan, working, config = self._plan, self._subject.working, self._plan.fit_config
+        self._run.budget.begin_fit(self.expected, share=0.35)
+        self._phase, target = "additive", self._subject.target(plan.tune)
+        if has_alpha(working):
+            target = Target(over(working), plan.tune)
+        fit = dataclasses.replace(config.fit, blend="add", falloff=None)
+        session = self._session(target, dataclasses.replace(config, fit=fit))
+        session.fit()
+        self._phase = "fit"
+        return session.result()
 
     def _refine(self, session: FitSession, start: Scene) -> None:
         """Refine the shapes of the scene `start` in place of a fit with growth.
@@ -226,7 +216,7 @@ class ByCount(DensificationPolicy):
         session.refine(count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)), keeps)
 
     def _steps(self, share: float) -> int:
-        return max(40, round(share * (self._plan.fit_config.iterations or 0)))
+        return max(40, round(share * self._plan.fit_config.iterations))
 
     def _session(self, target: Target, config: FitConfig) -> FitSession:
         """Return a fit that reports its progress under the present phase of the search."""

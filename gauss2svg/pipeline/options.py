@@ -1,4 +1,4 @@
-"""The options of a run in six groups, and the progress that a run reports.
+"""The options of a run in five groups, and the progress that a run reports.
 
 The command line and the report are derived from the options.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_type_hints
 
 from gauss2svg.errors import InputError, instance, nearest, quoted, refusal
-from gauss2svg.fit import MOST_GAUSSIANS, DensifyOptions, FitOptions, FitProgress
+from gauss2svg.fit import MOST_GAUSSIANS, FitOptions, FitProgress
 from gauss2svg.measure import TARGETS, Score, color_name
 from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, fields_of
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
@@ -44,7 +44,7 @@ class Goal(OptionGroup):
     """Number of shapes. auto adapts it (default). With a target, the maximum."""
 
     target_psnr: Annotated[
-        float | None, Interval(gt=0, le=_MOST_DECIBELS), "30 to 40, at which photos look good"
+        float | None, Interval(ge=0.01, le=_MOST_DECIBELS), "30 to 40, at which photos look good"
     ] = None
     """PSNR (dB) to reach with the fewest shapes."""
 
@@ -56,7 +56,7 @@ class Goal(OptionGroup):
     max_bytes: Annotated[int | str | None, byte_size] = None
     """Write the best picture within this size: 150k."""
 
-    time_limit: Annotated[float | None, Interval(gt=0, le=1e9)] = None
+    time_limit: Annotated[float | None, Interval(ge=0.001, le=1e9)] = None
     """Write the best picture within this time (s)."""
 
     def __post_init__(self) -> None:
@@ -191,40 +191,27 @@ GROUP_TITLES = {
     "document": "Document",
     "run": "Measuring and resources",
     "fit": "Fit",
-    "densify": "Adding shapes",
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """All options of a run."""
+    """All options of a run. None in place of a group stands for its defaults."""
 
     goal: Goal = Goal()
     fit: FitOptions = FitOptions()
-    densify: DensifyOptions = DensifyOptions()
     svg: SvgOptions = SvgOptions()
     document: Document = Document()
     run: RunOptions = RunOptions()
+
+    def __post_init__(self) -> None:
+        for key, group in GROUPS.items():
+            object.__setattr__(self, key, instance(getattr(self, key), key, group))
 
     @property
     def written_blend(self) -> str:
         """Blend mode of the shapes in the file."""
         return OVER if self.svg.portable else self.fit.blend
-
-    @classmethod
-    def of_call(cls, arguments: Mapping[str, Any]) -> Options:
-        """Return the options that were given in a call of `vectorize`.
-
-        arguments  all arguments of the call by name: groups of options, and single fields of Goal
-        Raise TypeError if arguments["unknown"] is not empty. If the unknown name is an option of a
-        group, the error says to which class it belongs.
-        """
-        for name in arguments["unknown"]:
-            raise unknown_keyword(name, "vectorize")
-        groups = {key: instance(arguments[key], key, group) for key, group in GROUPS.items()}
-        goals = {field.name: arguments[field.name] for field in fields_of(Goal)}
-        given = {name: value for name, value in goals.items() if value is not None}
-        return cls(**groups).changed(**given)
 
     @classmethod
     def from_flat(cls, values: Mapping[str, Any]) -> Options:
@@ -259,21 +246,6 @@ class Options:
 GROUPS: dict[str, type[OptionGroup]] = get_type_hints(Options)
 # The name of each option, with the key of its group.
 OPTIONS = {field.name: key for key, group in GROUPS.items() for field in fields_of(group)}
-
-
-def unknown_keyword(name: str, function: str, form: str = "{}") -> TypeError:
-    """Return the error for a keyword that a function does not have.
-
-    If the keyword is an option, the message says to which class it belongs.
-
-    form  text of the argument to which a group of options belongs, with {} for the group
-    """
-    if name not in OPTIONS:
-        close = nearest(name, OPTIONS)
-        got = quoted(name) + (f". Try {close}" if close else "")
-        return TypeError(f"option must be one of {function} or of its classes; got {got}")
-    where = form.format(f"{OPTIONS[name]}={GROUPS[OPTIONS[name]].__name__}({name}=...)")
-    return TypeError(f"{name} belongs to {where}; got {name}=... for {function} itself")
 
 
 @dataclass(frozen=True)

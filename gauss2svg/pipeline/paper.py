@@ -7,8 +7,6 @@ stains, which nobody wants in a drawing:
     -> darkness, as a share of the light -> ink, from half of its full darkness on
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

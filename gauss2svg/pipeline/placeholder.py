@@ -21,7 +21,8 @@ from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.options import ALWAYS, Options, ProgressCallback
 from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
-from gauss2svg.pipeline.run import Run, watched
+from gauss2svg.pipeline.progress_display import watched
+from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.svg import MINIMAL, NAMESPACE, signed
 from gauss2svg.svg.element import hex_color, with_own_ids

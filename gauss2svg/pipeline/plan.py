@@ -17,15 +17,7 @@ from numpy.typing import NDArray
 from gauss2svg import portable
 from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.errors import InputError, RendererError, quoted, refusal
-from gauss2svg.fit import (
-    DEFAULT_LOSS,
-    GAUSSIAN,
-    MOST_GAUSSIANS,
-    PSNR,
-    DensifyOptions,
-    FitConfig,
-    Tune,
-)
+from gauss2svg.fit import DEFAULT_LOSS, GAUSSIAN, MOST_GAUSSIANS, PSNR, FitConfig, FitOptions, Tune
 from gauss2svg.measure import Score, Search, require_packages
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pipeline.options import ALWAYS, AUTO, NEVER, Goal, Options
@@ -319,37 +311,30 @@ class Plan:
         least = 0.0 if self.goal.byte_limit is None and not self.rate else INDISTINGUISHABLE
         return max(self.preset.stop_psnr, least)
 
-    @cached_property
-    def fit_config(self) -> FitConfig:
-        """Configuration of the fit whose scene is written."""
-        return self.config(self.options.written_blend)
-
     @property
     def only_time_limits(self) -> bool:
         """Whether a time limit is given, but neither a preset nor a target."""
         goal = self.goal
         return goal.time_limit is not None and goal.quality is None and self.aim is None
 
-    def config(self, blend: str) -> FitConfig:
-        """Return the configuration of a fit.
-
-        blend  blend mode of the fit. A portable file has two fits, of which the first is additive
-        """
-        options, densify, steps = self.options, self.options.densify, self.preset.iterations
-        if self.only_time_limits and options.fit.iterations is None:
+    @cached_property
+    def fit_config(self) -> FitConfig:
+        """Configuration of the fit whose scene is written."""
+        options, goal, each, steps = self.options, self.goal, None, self.preset.iterations
+        fit = options.changed(blend=options.written_blend).fit
+        if self.only_time_limits and fit.iterations is None:
             # More than 1000 steps gain nothing. The time is better spent on steps in which all
             # Gaussians exist than on rounds of growth (docs/decisions/time.md).
-            steps, densify = 1000, dataclasses.replace(densify, round_iterations=6)
-        falloff = options.fit.falloff if blend == options.written_blend else None
-        if self.in_areas:
+            steps, each = 1000, 6
+        if self.in_areas and fit.falloff is None:
             # Areas have the crisp edges. Each further falloff takes a definition in the file.
-            falloff = falloff or GAUSSIAN
+            fit = dataclasses.replace(fit, falloff=GAUSSIAN)
         return FitConfig(
-            gaussians=0 if self.goal.count_adapts else self.goal.count or 0,
-            iterations=options.fit.iterations or steps,
-            fit=dataclasses.replace(options.fit, blend=blend, falloff=falloff),  # pyright: ignore[reportArgumentType]
-            densify=densify,
-            extend=options.fit.iterations is None and not self.goal.count_adapts,
+            gaussians=0 if goal.count_adapts else goal.count or 0,
+            iterations=fit.iterations or steps,
+            fit=fit,
+            round_iterations=each,
+            extend=fit.iterations is None and not goal.count_adapts,
             relocate_rarely=self.is_budget or self.only_time_limits,
         )
 
@@ -367,7 +352,7 @@ class Plan:
         """Whether the search for shapes is a search by bytes. Otherwise it is one by count."""
         fit, svg, limit = self.options.fit, self.options.svg, self.uncompressed_limit
         is_small = limit is not None and limit <= BY_BYTES_UP_TO and self.markup == MINIMAL
-        is_usual = self.options.densify == DensifyOptions() and fit.loss == DEFAULT_LOSS
+        is_usual = fit.init == FitOptions.init and fit.relocate and fit.loss == DEFAULT_LOSS
         is_usual &= fit.blend == OVER and svg.palette is svg.stops is svg.precision is None
         return is_small and is_usual and not (self.in_inks or self.starts or self.aim)
 
@@ -496,7 +481,7 @@ def _without_areas(options: Options) -> dict[str, object]:
 
 def _conflicts(options: Options) -> Iterator[tuple[str, str, object, str]]:
     """Yield for each conflict the name of an option, the rule it breaks, its value, and advice."""
-    goal, fit, svg, densify = options.goal, options.fit, options.svg, options.densify
+    goal, fit, svg = options.goal, options.fit, options.svg
     layered, inks, tones = _layered(options), fit.inks, fit.overprint
     if svg.areas == ALWAYS:
         for name, value in _without_areas(options).items():
@@ -529,10 +514,6 @@ def _conflicts(options: Options) -> Iterator[tuple[str, str, object, str]]:
             yield "inks", "be another colour than the paper", inks, '--inks "#0078bf,#ff48b0"'
     elif tones is not None:
         yield "overprint", "be given with inks that are listed", tones, '--inks "#0078bf,#ff48b0"'
-    for name in ("per_round", "round_iterations", "schedule") if goal.count_adapts else ():
-        if (value := getattr(densify, name)) != getattr(DensifyOptions, name):
-            rule = "be given with a number of Gaussians, and without a target or limit"
-            yield name, rule, value, "--gaussians 1000 alone"
     score = None if goal.target is None or goal.target.always else goal.target
     if options.run.scores or score is not None:
         require_packages(score)

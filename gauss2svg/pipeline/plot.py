@@ -13,8 +13,6 @@ A scene in inks has a pen for each ink, any other a black one. The pen of an ink
 ink: where as much paper as possible is left between its strokes, both together have its colour.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
@@ -24,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
+from skimage.measure import approximate_polygon
 
 from gauss2svg import portable
 from gauss2svg.areas.arrays import dilated, distance_to, widened
@@ -338,21 +337,7 @@ def _runs(points: Floats, shown: Bools, closed: bool) -> list[Floats]:
 
 def _simplified(points: Floats) -> Floats:
     """Return the points of a polyline that are needed to keep within a tenth of a cell of all."""
-    kept = np.zeros(len(points), bool)
-    kept[[0, -1]] = True
-    spans = [(0, len(points) - 1)]
-    while spans:
-        a, b = spans.pop()
-        along, offset = points[b] - points[a], points[a : b + 1] - points[a]
-        length = portable.hypot(*along)
-        distance = portable.hypot(*offset.T)
-        if length:
-            distance = np.abs(portable.product(offset, [-along[1], along[0]])) / length
-        k = int(distance.argmax())
-        if distance[k] > 0.1:
-            kept[a + k] = True
-            spans += [(a, a + k), (a + k, b)]
-    return points[kept]
+    return approximate_polygon(points, 0.1)
 
 
 def _hatching(tone: Floats, distance: float, pen: float, angle_deg: float) -> list[Floats]:

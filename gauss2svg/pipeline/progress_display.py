@@ -29,12 +29,17 @@ _PHASES = {
 }
 
 
-def shown() -> AbstractContextManager[ProgressCallback | None]:
-    """Return a context manager that yields a callback that shows the progress of a run.
+def watched(
+    progress: ProgressCallback | bool | None,
+) -> AbstractContextManager[ProgressCallback | None]:
+    """Return a context manager that yields the callback of a run, or None.
 
-    It yields None if there is neither a notebook nor a terminal.
+    If `progress` is a function, this function is the callback. If `progress` is True, the callback
+    shows the run in a notebook or in a terminal.
     """
-    return _notebook() if _is_in_notebook() else _terminal()
+    if progress is True:
+        return _notebook() if _is_in_notebook() else _terminal()
+    return nullcontext(None if progress is False else progress)
 
 
 @contextmanager

@@ -1,7 +1,5 @@
 """The report of a run, ready for JSON."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -102,7 +100,7 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
         "pixels_sha256": digest.hexdigest(),
         # The digest of the options that change a file, as JSON with sorted names.
         "options_sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "versions": dict(_versions()),
+        "versions": dict(versions()),
         "total_s": total_s,
     }
 
@@ -244,9 +242,11 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
 
 
 @cache  # reading the versions from the disk takes as long as a fit of a thumbnail
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Return the versions of gauss2svg, of Python and of the packages that a file may depend on."""
     found = {"gauss2svg": __version__, "python": platform.python_version()}
-    names = ["numpy", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG"]
+    names = ["numpy", "scipy", "scikit-image", "pillow", "pyvips", "pi-heif", "torch", "svgwrite"]
+    names += ["resvg_py", "CairoSVG"]
     for name in (*names, *(score.package for score in SCORES if score.package)):
         # A package that is not installed is left out. It may belong to an extra.
         with suppress(PackageNotFoundError):

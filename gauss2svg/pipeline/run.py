@@ -15,13 +15,11 @@ estimate does not include other programs that rasterise the file, nor the first 
 kernels, which takes 105 MB.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from gauss2svg.errors import InputError, refusal
@@ -332,22 +330,6 @@ class TimeBudget:
     def _reserved_s(self, count: int) -> float:
         each = EXPORT_GAUSSIAN + COLORS_GAUSSIAN
         return self._slowness * (self._export_s + each * count)
-
-
-def watched(
-    progress: ProgressCallback | bool | None,
-) -> AbstractContextManager[ProgressCallback | None]:
-    """Return a context manager that yields the callback of a run, or None.
-
-    If `progress` is a function, this function is the callback. If `progress` is True, the callback
-    shows the run in a terminal or in a notebook.
-    """
-    if progress is not True:
-        return nullcontext(None if progress is False else progress)
-    # This is imported here, because only few calls show the progress.
-    from gauss2svg.pipeline.progress_display import shown
-
-    return shown()
 
 
 class Run:

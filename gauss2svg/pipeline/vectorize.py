@@ -5,28 +5,30 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Never
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.pixels import Sprite, sprite_of
+from gauss2svg.areas.pixels import Sprite, areas_of_sprite, sprite_of
 from gauss2svg.errors import InputError, instance, refusal, required
 from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
-from gauss2svg.fit import DensifyOptions, FitOptions
+from gauss2svg.fit import FitOptions, FitResult
 from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
 from gauss2svg.photo.pixels import Header, Photo, Size, averaged, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
-from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
+from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.report import run_report
-from gauss2svg.pipeline.run import Load, Run, load_of, size_that_fits, watched
+from gauss2svg.pipeline.run import Load, Run, load_of, size_that_fits
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import inks_in
@@ -172,14 +174,7 @@ def vectorize(
     image: ImageSource,
     goal: Goal | None = None,
     *,
-    quality: str | None = None,
-    gaussians: int | str | None = None,
-    target_psnr: float | None = None,
-    target_ssimulacra2: float | None = None,
-    max_bytes: int | str | None = None,
-    time_limit: float | None = None,
     fit: FitOptions | None = None,
-    densify: DensifyOptions | None = None,
     svg: SvgOptions | None = None,
     document: Document | None = None,
     run: RunOptions | None = None,
@@ -187,15 +182,13 @@ def vectorize(
     start: Scene | None = None,
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
-    **unknown: Never,
+    **options: Any,
 ) -> Result:
     """Fit Gaussians to a photo, write them as an SVG, and measure how close it is to the photo.
 
     image     path, bytes, binary file, PIL image, numpy array or torch tensor
-    goal      targets and limits. Its fields quality, gaussians, target_psnr, target_ssimulacra2,
-              max_bytes and time_limit may also be given as keywords of this function:
-              vectorize("photo.jpg", max_bytes="500k")
-    fit, densify, svg, document, run
+    goal      targets and limits
+    fit, svg, document, run
               less common options. Each class documents its fields
     focus     mask of the photo's proportions, like image: white where detail matters
     start     scene whose shapes are scaled to the photo and refined, in place of a new fit
@@ -203,6 +196,7 @@ def vectorize(
               or the forming picture in a notebook. By default nothing is shown
     stop      function that is called at every step. If it returns True, the run ends with the
               best result so far
+    options   fields of these classes by their names: vectorize("photo.jpg", max_bytes="500k")
 
     With a target, a given number of Gaussians is an upper bound. The first limit that is reached
     ends the run, and the report names it as stop_reason. Targets and limits that are missed are in
@@ -210,14 +204,14 @@ def vectorize(
     smaller image.
     For the report and the targets, the SVG is measured at the size of the fit, or at 1 megapixel if
     that is larger. With RunOptions.full_size it is measured at the size of the photo.
-    Raise InputError for invalid input, RendererError for a missing renderer, and TypeError for an
-    unknown keyword. If the keyword is an option of a group, the error names the group's class.
-    If several threads call this function, they wait for each other. A forked process may call it
-    too.
+    Raise InputError for invalid input or an unknown option, and RendererError for a missing
+    renderer. If several threads call this function, they wait for each other. A forked process may
+    call it too.
     """
-    options = Options.of_call(locals())
+    groups: Any = {"goal": goal, "fit": fit, "svg": svg, "document": document, "run": run}
+    chosen = Options(**groups).changed(**options)
     with watched(progress) as callback:
-        return vectorize_by(options, image, focus=focus, start=start, progress=callback, stop=stop)
+        return vectorize_by(chosen, image, focus=focus, start=start, progress=callback, stop=stop)
 
 
 def vectorize_by(
@@ -366,6 +360,53 @@ def _is_whole(run: Run, load: Load) -> bool:
     return math.prod(size) <= most and dataclasses.replace(load, fit=size).bytes <= run.most_bytes
 
 
+def _exact(plan: Plan, subject: Subject, run: Run) -> Outcome | None:
+    """Return the exact file of pixel art, or None if it is larger than the limit of bytes.
+
+    Its areas draw each pixel. Nothing is searched or fitted. If the file is too large, it is tried
+    without overlaps. Also return None for any other picture.
+    """
+    sprite, inks = subject.sprite, plan.options.fit.inks
+    if sprite is None:
+        return None
+    # Imported here because few pictures are pixel art.
+    from gauss2svg.areas.find import FoundAreas
+    from gauss2svg.pipeline.found import sprite_in_inks
+
+    if isinstance(inks, str):
+        sprite = sprite_in_inks(sprite, inks)
+    exporter, limit = Exporter(plan, subject), plan.goal.byte_limit or math.inf
+    (width, height), (rows, columns) = subject.canvas, sprite.cells.shape
+    scale = width / (columns * sprite.side), height / (rows * sprite.side)
+    for overlap in (True, False):
+        run.notify("areas")
+        wall_s, cpu_s = time.perf_counter(), time.process_time()
+        areas, ground = areas_of_sprite(sprite, overlap)
+        wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+        scene = Scene(
+            width, height, background=np.ones(3) if ground is None else np.array(ground),
+            transparent=ground is None, areas=tuple(area.scaled(*scale) for area in areas),
+        )  # fmt: skip
+        run.notify("write")
+        file = exporter.written(scene, _exact_format(plan, scene))
+        if file.size <= limit:
+            fitted = FitResult(scene, 0, 0, wall_s, cpu_s, 0, "gain")
+            found = FoundAreas(areas, ground, 1.0, math.inf, wall_s, 0.0)
+            return exporter.outcome(file, fitted, 0, found)
+    return None
+
+
+def _exact_format(plan: Plan, scene: Scene) -> SvgFormat:
+    """Return the format of a file whose user unit is as large as the outlines allow."""
+    # With 3 decimals, opacities of 8 bits are off by an eighth of a level.
+    svg_format = dataclasses.replace(plan.format, opacity_decimals=3)
+    if plan.options.svg.precision is not None:
+        return svg_format
+    points = np.array([p for area in scene.areas for one in area.outlines for p in one.points])
+    units = (unit for unit in (1.0, 0.5) if (points % unit == 0).all())
+    return dataclasses.replace(svg_format, precision=next(units, svg_format.precision))
+
+
 def _matte(plan: Plan) -> tuple[float, float, float] | None:
     """Return the colour below a transparent photo, or None if it stays transparent."""
     matte = plan.options.svg.matte
@@ -383,11 +424,8 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, fit: Size) -> Iterator[Out
             subject = subject.reduced(AREA_PIXELS_A_SECOND * limit)
         sizes = math.prod(subject.size), math.prod(subject.photo.shape[:2])
         run.limit_time(limit, *sizes, plan.options.fit.iterations)
-    if subject.sprite is not None:
-        from gauss2svg.pipeline.by_pixels import exact  # few pictures are pixel art
-
-        if (outcome := exact(plan, subject, run)) is not None:
-            yield outcome
+    if (outcome := _exact(plan, subject, run)) is not None:
+        yield outcome
     for one in plan.searches():
         # Few runs need several of these classes, so each is imported only when it is needed.
         if one.in_areas:

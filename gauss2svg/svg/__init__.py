@@ -144,7 +144,7 @@ class Document(OptionGroup):
     """How the picture fills a frame of other proportions, as a value of preserveAspectRatio in SVG,
     such as 'xMidYMid slice'."""
 
-    animate: Annotated[float | None, Interval(gt=0, le=3600.0)] = None
+    animate: Annotated[float | None, Interval(ge=0.001, le=3600.0)] = None
     """Seconds in which the layers fade in, one after the other. Viewers who prefer reduced motion
     see the finished picture at once."""
 

@@ -145,10 +145,9 @@ MISTAKES = [
     ("placeholder PHOTO --format html -o OUT", "a name for the format html; got"),
     ("check a.svg", "SVG must be given; got none. Try gauss2svg check"),
     ("PHOTO --treads 2", "must be an option; got an unknown one. Try --threads"),
-    ("PHOTO --options o.toml", "--options must be given with gauss2svg batch; got it with "
-     "gauss2svg PHOTO. Try gauss2svg batch --help"),
+    ("PHOTO --scheduler tcp://a", "--scheduler must be an option; got an unknown one"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
-    ("bench PHOTO -o FOLDER/x --axis schedule", "axes: schedule must be given with a number"),
+    ("bench PHOTO -o FOLDER/x --axis count_gzipped", "axes: count_gzipped must be given with max"),
     ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "LABEL=FOLDER; got 'jpeg:31'"),
     ("bench PHOTO -o FOLDER/x --peers draft=.", "and a folder that exists; got 'draft=.'"),
     ("bench -o FOLDER/x --from FOLDER", "--from must be the output folder of gauss2svg batch; got"),

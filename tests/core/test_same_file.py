@@ -9,7 +9,7 @@ import hashlib, sys
 import numpy as np
 from skimage import data
 import gauss2svg
-from gauss2svg import DensifyOptions, FitOptions, RunOptions, SvgOptions, vectorize
+from gauss2svg import FitOptions, RunOptions, SvgOptions, vectorize
 
 photo = data.astronaut()[20:164:3, 180:324:3]
 y, x = np.mgrid[:64, :64] + 0.5

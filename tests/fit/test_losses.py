@@ -30,16 +30,16 @@ def own_loss(render, target):
 def test_loss_gradient_is_that_of_finite_differences(loss, size, focused):
     # Nowhere equal to the target, where |r - t| has a kink.
     rendered, target = planes(*size)
-    more = (None, np.random.default_rng(2).random(size) if focused else None)
-    _, gradient = image_gradient(loss, rendered, target, *more)
+    focus = np.random.default_rng(2).random(size) if focused else None
+    _, gradient = image_gradient(loss, rendered, target, focus)
     direction = np.random.default_rng(1).normal(size=rendered.shape)
     moved = (rendered + s * direction for s in (1e-7, -1e-7))
-    values = [image_gradient(loss, one, target, *more)[0] for one in moved]
+    values = [image_gradient(loss, one, target, focus)[0] for one in moved]
     slope = (values[0] - values[1]) / 2e-7 * rendered.size
     assert np.sum(gradient * direction) == pytest.approx(slope, rel=1e-5)
     planes_32 = (plane.astype(np.float32) for plane in (rendered, target))
-    more = None, None if more[1] is None else more[1].astype(np.float32)
-    single = image_gradient(loss, *planes_32, *more)[1]
+    focus = None if focus is None else focus.astype(np.float32)
+    single = image_gradient(loss, *planes_32, focus)[1]
     assert single.dtype == np.float32
     assert np.linalg.norm(single - gradient) <= 1e-3 * np.linalg.norm(gradient)
 

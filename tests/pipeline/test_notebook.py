@@ -14,7 +14,7 @@ from gauss2svg.fit import FitProgress
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.options import Progress
 from gauss2svg.pipeline.placeholder import Placeholder
-from gauss2svg.pipeline.run import watched
+from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.render import as_jpeg, render
 
 

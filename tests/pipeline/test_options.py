@@ -1,9 +1,7 @@
 """Options: one class each group, from which the call, the command, axes and report are derived."""
 
-import inspect
 import json
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +9,7 @@ import pytest
 import gauss2svg
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import InputError, RendererError
+from gauss2svg.fit import FitOptions
 from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal, Options, SvgOptions
 from gauss2svg.pipeline.plan import Plan
@@ -45,7 +44,7 @@ def beyond(field) -> list:
     if field.kind is int:
         return [field.least - 1, field.most + 1, field.least + 0.5, True]
     if field.kind is float:
-        below = field.least if field.is_above else math.nextafter(field.least, -math.inf)
+        below = math.nextafter(field.least, -math.inf)
         return [below, -math.inf, math.inf, math.nextafter(field.most, math.inf), True]
     return ["bogus"] if field.choices else []
 
@@ -77,11 +76,11 @@ def test_flat_options_come_back_and_fit_into_json():
             Options.from_flat({name: 1})
 
 
-def test_goals_may_be_given_by_name_or_together(photo):
+def test_options_may_be_given_by_name_or_together(photo):
     small = photo[:24, :24]
-    named = gauss2svg.vectorize(small, gaussians=6, quality="draft")
-    together = gauss2svg.vectorize(small, Goal(gaussians=6, quality="draft"))
-    mixed = gauss2svg.vectorize(small, Goal(gaussians=6), quality="draft")
+    named = gauss2svg.vectorize(small, gaussians=6, iterations=9)
+    together = gauss2svg.vectorize(small, Goal(gaussians=6), fit=FitOptions(iterations=9))
+    mixed = gauss2svg.vectorize(small, Goal(gaussians=6), iterations=9)
     assert named.svg == together.svg == mixed.svg
     with pytest.raises(InputError, match="fit must be a FitOptions; got SvgOptions"):
         gauss2svg.vectorize(small, fit=SvgOptions())
@@ -90,11 +89,7 @@ def test_goals_may_be_given_by_name_or_together(photo):
 TOGETHER = [
     ({"portable": True}, "portable must be given with blend add"),
     ({"blend": "add", "renderer": "cairo"}, "renderer must be one of .*resvg.*or --portable"),
-    ({"per_round": 5}, "per_round must be given with .*--gaussians 1000 alone"),
-    ({"loss": "mse", "ssim_weight": 0.1}, "loss must be one with ssim.*l?mse.ssim"),
     ({"blend": "add", "falloff": "adaptive"}, "falloff must be gaussian.*; got 'adapt"),
-    ({"gaussians": 5000, "per_round": 1, "schedule": "linear"}, "for 5000 rounds of 1 or more"),
-    ({"gaussians": 5000, "round_iterations": 90}, "room for 6 rounds of 90 or more; got"),
     ({"blend": "add", "animate": 2}, "animate must not be given with additive.*--portable"),
     ({"blend": "add", "form": "blur", "renderer": "chromium"}, "form blur must.*--form gradient"),
     ({"count_gzipped": True}, "count_gzipped must be given with max_bytes"),
@@ -116,16 +111,7 @@ def test_options_that_exclude_each_other_are_refused_with_a_way_out(given, match
         Plan(Options.from_flat(given))
 
 
-def test_keywords_are_refused_with_the_class_to_which_they_belong():
-    taken = inspect.signature(gauss2svg.vectorize).parameters
-    call: Any = gauss2svg.vectorize
-    for key, group in GROUPS.items():
-        for name in {field.name for field in fields_of(group)} - set(taken):
-            belongs = rf"{name} belongs to {key}={group.__name__}\({name}=\.\.\.\)"
-            with pytest.raises(TypeError, match=belongs):
-                call("photo.png", **{name: 1})
-    with pytest.raises(TypeError, match=r"option must be one of .* got 'gausians'. Try gaussians"):
-        call("photo.png", gausians=7)
-    many: Any = gauss2svg.vectorize_many
-    with pytest.raises(TypeError, match=r"max_size belongs to options=Options\(run=RunOptions\("):
-        many(["photo.png"], "out", max_size=9)
+def test_unknown_keywords_are_refused_with_the_nearest_option():
+    for call, arguments in ((gauss2svg.vectorize, [""]), (gauss2svg.vectorize_many, [[], ""])):
+        with pytest.raises(InputError, match=r"option must be one of .* got 'gausians'. Try gauss"):
+            call(*arguments, gausians=7)

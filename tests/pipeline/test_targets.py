@@ -125,7 +125,7 @@ def test_a_limit_below_a_file_without_shapes_is_refused_and_the_least_one_is_not
 
 
 def test_no_time_at_all_still_gives_a_file_measured_small(photo):
-    result = vectorize(np.tile(photo, (8, 8, 1)), time_limit=1e-6)
+    result = vectorize(np.tile(photo, (8, 8, 1)), time_limit=0.001)
     report, (side, _, _) = result.report, result.raster.shape
     assert report["stop_reason"] == "time_limit"
     assert report["measured_width"] == side < 200

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.compare.pages import GalleryOptions
-from gauss2svg.fit import DensifyOptions, FitConfig, FitOptions
+from gauss2svg.fit import FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import Target
 from gauss2svg.options import fields_of
@@ -16,11 +16,7 @@ from gauss2svg.pipeline.options import GROUPS, OPTIONS, Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
 
 # Options that are valid only beside another one of this value.
-BESIDE = {
-    "ssim_weight": {"loss": "l1+ssim"}, "portable": {"blend": "add"},
-    "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
-    "schedule": {"gaussians": 100}, "count_gzipped": {"max_bytes": 40_000},
-}  # fmt: skip
+BESIDE = {"portable": {"blend": "add"}, "count_gzipped": {"max_bytes": 40_000}}
 _OF_A_CALL = ("focus", "start", "progress", "stop", "started")
 
 
@@ -30,13 +26,10 @@ def vectorize(image: Any, **given: Any) -> Result:
     return vectorize_by(Options.from_flat(given), image, **of_call)
 
 
-def fit_config(gaussians: int = 5000, iterations: int | None = 200, **given: Any) -> FitConfig:
+def fit_config(gaussians: int = 5000, iterations: int = 200, **given: Any) -> FitConfig:
     """All that a fit goes by, of options by their names."""
-    groups = {
-        name: kind(**{f.name: given.pop(f.name) for f in fields_of(kind) if f.name in given})
-        for name, kind in {"fit": FitOptions, "densify": DensifyOptions}.items()
-    }
-    return FitConfig(gaussians=gaussians, iterations=iterations, **groups, **given)
+    options = {f.name: given.pop(f.name) for f in fields_of(FitOptions) if f.name in given}
+    return FitConfig(gaussians=gaussians, iterations=iterations, fit=FitOptions(**options), **given)
 
 
 def session_of(pixels: NDArray[np.float32], config: FitConfig, *given: Any, **more: Any):

@@ -18,7 +18,7 @@ OPTIONS = [option for group in form()["groups"] for option in group["options"]]
 # A value of each option that is not its default.
 CHANGED = {
     "quality": "fast", "gaussians": 700, "target_psnr": 31.5, "max_bytes": 40_000,
-    "time_limit": 9.5, "iterations": 77, "loss": "l1+ssim", "tune": "psnr", "ssim_weight": 0.3,
+    "time_limit": 9.5, "iterations": 77, "loss": "l1+ssim", "tune": "psnr",
     "focus_strength": 6.0,
     "learning_rate": 0.5, "blend": "add", "falloff": "gaussian", "seed": 5,
     "current_color": True, "inks": "#0078bf,#ff48b0", "paper": "#f5f0e6", "overprint": 3,
@@ -29,10 +29,7 @@ CHANGED = {
     "renderer": "cairo", "scores": True, "max_size": 200, "full_size": True, "areas": "always",
 }  # fmt: skip
 # Options that those exclude.
-OTHERS = {
-    "gaussians": 100, "per_round": 50, "round_iterations": 9, "schedule": "linear",
-    "target_ssimulacra2": 55,
-}  # fmt: skip
+OTHERS = {"gaussians": 100, "target_ssimulacra2": 55}
 
 
 def test_every_option_is_described_except_the_servers_own():

@@ -70,9 +70,9 @@ def test_gradient_over_both_backdrops_is_that_of_finite_differences(loss, cut_ou
         splats = splats_of(scene.replace(**moved))
         if loss == "mse":  # of which `evaluate` tells the value without the weight
             return target.weighted_squares(target.rendered(splats)) / 2
-        return target.evaluate(splats, loss, 0.5).loss
+        return target.evaluate(splats, loss).loss
 
-    moments = target.evaluate(splats_of(scene), loss, 0.5).moments
+    moments = target.evaluate(splats_of(scene), loss).moments
     slopes = {
         "mean": np.linalg.solve(np.swapaxes(scene.factor, 1, 2), moments[:, :2, None])[:, :, 0],
         "opacity": moments[:, 5] / scene.opacity,
