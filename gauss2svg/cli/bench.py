@@ -40,7 +40,8 @@ class Comparison(OptionGroup):
     """Other tools to compare if they are installed, separated by commas: vtracer, jpeg, webp, avif.
     One setting of a tool follows a colon, such as jpeg:30 or vtracer:detailed. LABEL=FOLDER is any
     other method: its SVGs or pictures by the names of the photos, and if there is a table.csv in
-    the folder, its seconds. SVGs are rasterised by resvg."""
+    the folder, its seconds. For bench, LABEL=NUMBERS.csv has published numbers, by the names of the
+    report. SVGs are rasterised by resvg."""
 
     from_: Annotated[Path | None, file_path] = None
     """Output folder of gauss2svg batch. Its SVGs are shown and measured as they are, without

@@ -63,6 +63,8 @@ _COSTS = (
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     """Return one row for each setting that has finished for all photos.
 
+    If another tool has failed for some photos, its row is about the other photos.
+
     rows    records, in which all records of a setting follow one another
     images  number of photos
 
@@ -75,11 +77,14 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     bytes, and for both costs together. The entries are None for other tools, and for a setting
     whose mean PSNR is None.
     """
-    finished = (row for row in rows if "error" not in row)
     summary = []
     keys = [key for _, key, *_ in _COLUMNS if not key.startswith(("below", "peak"))]
-    for _, group in itertools.groupby(finished, operator.itemgetter("label")):
-        runs = list(group)
+    for _, group in itertools.groupby(rows, operator.itemgetter("label")):
+        records = list(group)
+        runs = [row for row in records if "error" not in row]
+        least = images if records[0]["tool"] == TOOL else 1
+        if len(records) < images or len(runs) < least:
+            continue
         values: dict[str, list[Any]] = {name: [row.get(name) for row in runs] for name in keys}
         names = ("label", "tool", "tool_version", "settings")
         mean = {
@@ -89,7 +94,7 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
             "peak_bytes": max(filter(None, (row["peak_bytes"] for row in runs)), default=None),
             **{f"below_{word}_dB": None for word in _BELOW},
         }
-        summary += [mean] * (len(runs) == images)
+        summary.append(mean)
     # The mean PSNR of a row is None if one of its SVGs is exact. Such a row cannot be compared, so
     # it is left out.
     own = [row for row in summary if row["tool"] == TOOL and row["psnr_svg"] is not None]
@@ -142,7 +147,8 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
                     "score": (score := row[axis.key]),
                     "series": series.index(names[row["label"]]),
                     "group": 0 if row["label"] in front and len(front) > 1 else None,
-                    "text": f"{row['label']}: {axis.text(score)}, {cost.text(price)}",
+                    "text": f"{row['label']}: {axis.text(score)}, {cost.text(price)}, "
+                    f"photos: {row['images']}",
                 }
                 for row in scored
                 if row[cost.key] is not None
@@ -171,7 +177,8 @@ def run_bench(
                   with the other options at their defaults. If it is None, the settings are
                   gauss2svg.compare.variants.GRIDS. If it is empty, only peers are measured.
     peers         other tools, by their names in compare.records.PEERS. Tools that are not
-                  installed are skipped. "mine=FOLDER" stands for the files of another method.
+                  installed are skipped. "mine=FOLDER" stands for the files of another method,
+                  and "theirs=NUMBERS.csv" for its published numbers.
     options       limits of the runs, references and the number of threads
     progress      whether to show a bar on a terminal or in a notebook
 

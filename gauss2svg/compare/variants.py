@@ -3,7 +3,8 @@
 An axis is an option of `vectorize` that a comparison varies. It runs every combination of the
 values of all axes.
 
-The files of any other method are in a folder, with a CSV of what they cost.
+The files of any other method are in a folder, with a CSV of what they cost. A CSV alone has numbers
+without files.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from typing import Any, NamedTuple
 
 from gauss2svg.batch.inputs import ListedPhoto
 from gauss2svg.batch.many import TABLE, text_of_cell
-from gauss2svg.compare.records import COSTS, COUNTS, PEERS, TOOL
-from gauss2svg.errors import Gauss2SvgError, InputError, nearest, quoted, refusal
+from gauss2svg.compare.records import COSTS, COUNTS, FILE_KEYS, PEERS, TOOL
+from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
 from gauss2svg.files import SVG_ENDINGS, reading, text_of
 from gauss2svg.options import Field, fields_of
 from gauss2svg.photo import SUFFIXES
@@ -47,35 +48,46 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
     files  "" for a tool that is run, which gives an empty dict. Otherwise a folder of
            SVGs and pictures with the names of the photos. The folder may have a table.csv, or that
            of a batch. Its column `photo` or `input` has the name of the photo, and `output` that of
-           the file.
+           the file. `files` may also be a CSV of numbers. If it has a single row without a photo,
+           the row holds for every photo.
 
-    The file is None if the folder has none. The numbers are the costs and the counts of the table,
-    by their names in a report. Raise InputError for one that is neither a number nor empty.
+    The file is None if the folder has none or the CSV has no numbers of the photo, and "" if the
+    CSV has some. The numbers are the costs and the counts of a folder's table, or all numbers of a
+    CSV, by their names in a report. Raise InputError for one that is neither a number nor empty.
+    Raise it also for a CSV without such columns, and for several rows without the column `photo`.
     """
     if not files:
         return {}
-    folder = Path(files)
-    tables = [path for path in (folder / "table.csv", folder / TABLE) if path.is_file()]
+    folder, is_table = Path(files), Path(files).is_file()
+    tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
+    rows = [row for path in tables if path.is_file() for row in rows_of(path)]
+    columns = {*COSTS, *COUNTS, *(FILE_KEYS if is_table else ())} - {"renderer"}
+    first = rows[0] if rows else {}
+    is_named = len(rows) == 1 or {"photo", "input"} & first.keys()
+    if is_table and not (is_named and columns & first.keys()):
+        needed = "a CSV with columns of a report, and the column photo if there are several rows"
+        raise refusal(files, needed, brief(", ".join(first)) or "no row", "photo,psnr_svg")
     by_name: dict[str, dict[str, str]] = {}
-    for row in itertools.chain(*map(rows_of, tables)):
+    for row in rows:
         name = row.get("photo") or row.get("input") or ""
         by_name |= {Path(name).stem: row, name: row}
     pictures = {
         path.stem: path
-        for path in sorted(folder.iterdir())
+        for path in sorted([] if is_table else folder.iterdir())
         if path.name.lower().endswith((*SUFFIXES, *SVG_ENDINGS))
     }
+    means = by_name.get("", {}) if len(rows) == 1 else {}
     entries = {}
     for photo in photos:
         stem = Path(photo.path).stem
-        row = by_name.get(photo.path) or by_name.get(stem) or {}
+        row = by_name.get(photo.path) or by_name.get(stem) or means
         path = folder / row["output"] if row.get("output") else pictures.get(stem)
         data = path.read_bytes() if path and path.is_file() else None
-        names = [name for name in (*COSTS, *COUNTS) if row.get(name)]
+        numbers = {k: _number(k, files, v) for k, v in row.items() if k in columns and v}
         entries[photo] = {
-            "file": data and str(path),
+            "file": "" if is_table and numbers else data and str(path),
             "digest": data and hashlib.sha256(data).hexdigest(),
-            "numbers": {name: _number(name, files, row[name]) for name in names},
+            "numbers": numbers,
         }
     return entries
 
@@ -97,7 +109,7 @@ class Variant(NamedTuple):
     settings  (name, value) of options of gauss2svg or of another tool, sorted by name
     tool      "gauss2svg", the name of a peer, or the label of files
     version   version of the tool, or None if it is not installed
-    files     folder with what another method has made of the photos. "" if a tool is run
+    files     folder or CSV with what another method has made of the photos. "" if a tool is run
     """
 
     settings: Settings
@@ -134,28 +146,29 @@ def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[V
     """Return variants of other tools, each once, and the names of tools that are not installed.
 
     texts   "vtracer" for all settings of the tool, "vtracer:detailed" for one of them, or
-            LABEL=FOLDER for the files of another method
+            LABEL=PATH for the folder of files or the CSV of numbers of another method
     most    "vtracer" stands for at most this number of settings, which are the first ones of the
             tool. If it is None, "vtracer" stands for all of them.
-    Raise InputError for any other text, and if two folders have the same label.
+    Raise InputError for any other text, and if two paths have the same label.
     """
     by_text: dict[str, list[Variant]] = {}
     for tool, peer in PEERS.items():
         variants = [Variant(tuple(sorted(s.items())), tool, peer.version) for s in peer.settings]
         by_text |= {variant.label.replace(" ", ":"): [variant] for variant in variants}
         by_text[tool] = variants[:most]
+    by_path = "LABEL=FOLDER", "LABEL=NUMBERS.csv"
     chosen: dict[Variant, None] = {}  # used as an ordered set
     for text in sequence("peers", texts):
         label, equals_sign, files = str(text).partition("=")
         if equals_sign:
             is_taken = label in {TOOL, *PEERS, *PRESETS, *(one.tool for one in chosen)}
             is_word = re.fullmatch(r"\w[\w.-]*", label)
-            if is_taken or not is_word or not Path(files).is_dir():
-                needed = "a word that no preset and no other peer has, and a folder that exists"
-                raise refusal("a peer with =", needed, quoted(text), "mine=FOLDER")
+            if is_taken or not is_word or not Path(files).exists():
+                needed = "a word that no preset and no other peer has, and a path that exists"
+                raise refusal("a peer with =", needed, quoted(text), " or ".join(by_path))
             chosen[Variant((), label, "", files)] = None
         else:
-            name = Field("peer", words=(*by_text, "LABEL=FOLDER")).checked(text)
+            name = Field("peer", words=(*by_text, *by_path)).checked(text)
             chosen |= dict.fromkeys(by_text.get(name, []))
     absent = dict.fromkeys(variant.tool for variant in chosen if variant.version is None)
     return [variant for variant in chosen if variant.version is not None], [*absent]
@@ -183,6 +196,9 @@ def variants_of(
     lists = {"quality": sequence("variants", presets), "gaussians": sequence("counts", counts)}
     grids = [{name: values} for name, values in lists.items() if values]
     others, absent = peer_variants(peers, 1)
+    for variant in others:
+        if Path(variant.files).is_file():  # "" is no file
+            raise refusal(f"peer {variant.tool}", "a folder", variant.files, "gauss2svg bench")
     variants = [*map(Variant, settings_of(*grids, axes or {})), *others]
     if not variants:
         got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"

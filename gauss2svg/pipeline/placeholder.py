@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from operator import attrgetter
@@ -16,7 +18,7 @@ from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field, byte_size
 from gauss2svg.photo.load import ImageSource
-from gauss2svg.photo.pixels import Size, elongation, has_alpha, pixels_of, shrunk
+from gauss2svg.photo.pixels import Size, averaged, elongation, has_alpha, pixels_of, shrunk
 from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.options import ALWAYS, Options, ProgressCallback
 from gauss2svg.pipeline.outcome import Subject
@@ -197,10 +199,23 @@ def placeholder(
                 # Imported here because it loads the kernels of areas.
                 from gauss2svg.pipeline.by_areas import ByAreas
 
-                other = ByAreas(Plan(options.changed(areas=ALWAYS)), subject, run).run()
+                small = dataclasses.replace(subject, working=_small(pixels, limit))
+                other = ByAreas(Plan(options.changed(areas=ALWAYS)), small, run).run()
                 if other.file.size <= limit:
                     best = max(best, other, key=attrgetter("psnr"))
     return Placeholder.of(best.file.svg, best.file.scene, photo.original_size, pixels)
+
+
+def _small(pixels: NDArray[np.float32], limit: int) -> NDArray[np.float32]:
+    """Return a picture reduced to the detail that areas have in so many bytes.
+
+    At 221 px for 1000 bytes, areas are found in a third of the time, and are as close.
+    """
+    height, width = pixels.shape[:2]
+    scale = 7 * math.sqrt(limit) * elongation(width, height) / max(height, width)
+    if scale >= 1:
+        return pixels
+    return averaged(pixels, max(1, round(scale * height)), max(1, round(scale * width)))
 
 
 def _size_read(width: int, height: int) -> Size:

@@ -148,8 +148,11 @@ MISTAKES = [
     ("PHOTO --scheduler tcp://a", "--scheduler must be an option; got an unknown one"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
     ("bench PHOTO -o FOLDER/x --axis count_gzipped", "axes: count_gzipped must be given with max"),
-    ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "LABEL=FOLDER; got 'jpeg:31'"),
-    ("bench PHOTO -o FOLDER/x --peers draft=.", "and a folder that exists; got 'draft=.'"),
+    ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "LABEL=FOLDER, LABEL=NUMBERS.csv; "
+     "got 'jpeg:31'"),
+    ("bench PHOTO -o FOLDER/x --peers draft=.", "and a path that exists; got 'draft=.'. "
+     "Try LABEL=FOLDER or LABEL=NUMBERS.csv"),
+    ("gallery PHOTO -o FOLDER/x --peers a=PHOTO", "peer a must be a folder; got"),
     ("bench -o FOLDER/x --from FOLDER", "--from must be the output folder of gauss2svg batch; got"),
     ("gallery PHOTO -o PHOTO/x", "output must be outside of the inputs"),
     ("gallery PHOTO -o FOLDER/x --variants quick", "axis quality must be one of draft, "),

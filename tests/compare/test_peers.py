@@ -28,9 +28,9 @@ def _here(monkeypatch, drawn_here, pool_here):
     monkeypatch.setattr(pages, "Pool", PoolHere)
 
 
-def reported(command, *words):
+def reported(command, *words, status=0):
     """The rows of a report, by the name of a photo and of its variant."""
-    assert main([command, "-o", command, "--quiet", *words]) == 0
+    assert main([command, "-o", command, "--quiet", *words]) == status
     with open(f"{command}/{command}.json", encoding="utf-8") as file:
         rows = json.load(file)["rows"]
     names = ("image", "label") if command == "bench" else ("photo", "variant")
@@ -80,6 +80,32 @@ def test_files_of_another_method_are_measured_and_again_if_they_change(
     assert changed == {("b.png", "svgs")}
 
 
+def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal):
+    (tmp_path / "each.csv").write_text("photo,psnr_svg,svgz_bytes\na,30,900\nphotos/b.png,20,100\n")
+    (tmp_path / "some.csv").write_text("photo,psnr_svg\nb,20\n,25\n")
+    (tmp_path / "means.csv").write_text("psnr_svg\n25\n")
+    for text, message in (
+        ("photo,psnr\na.png,30\n", "must be a CSV with columns of a report, and the column photo"),
+        ("photo;psnr_svg\na;31,5\n", "if there are several rows; got photo;psnr_svg. Try photo,"),
+        ("method,psnr_svg\nA,30\nB,31\n", "if there are several rows; got method, psnr_svg."),
+        ('psnr_svg\n"31,5"\n', "psnr_svg in bad.csv must be a number with a point, or empty"),
+    ):
+        (tmp_path / "bad.csv").write_text(text)
+        assert message in refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=bad.csv")
+    peers = "each=each.csv,means=means.csv,some=some.csv"
+    axis = ["--axis", "iterations=1", "--axis", "gaussians=1"]
+    rows = reported("bench", *two_photos, "--peers", peers, *axis, status=1)
+    assert [rows["a.png", "each"][name] for name in ("psnr_svg", "svgz_bytes")] == [30, 900]
+    assert rows["a.png", "means"]["svg_bytes"] is None
+    summary = json.loads((tmp_path / "bench" / "bench.json").read_text())["summary"]
+    means = {row["label"]: (row["psnr_svg"], row["images"]) for row in summary}
+    assert (means["each"], means["means"], means["some"]) == ((25, 2), (25, 2), (20, 1))
+    text = (tmp_path / "bench" / "summary.md").read_text()
+    assert "| each | 25.00 |" in text
+    assert "| some (1 of 2 photos) | 20.00 |" in text
+    assert "- some on a.png: some must have a file or a row for each photo; got none" in text
+
+
 def test_a_cost_that_is_no_number_is_refused(two_photos, tmp_path, refusal):
     (tmp_path / "table.csv").write_text('photo,total_s\na,"31,5"\n')
     message = "total_s in . must be a number with a point, or empty; got '31,5'"
@@ -109,5 +135,5 @@ def test_a_photo_without_a_file_and_a_tool_that_takes_too_long_are_errors(two_ph
         Gauss2SvgError, match=r"timed out after 0\.001 s. Try a longer --peer-timeout"
     ):
         run.measure_run(request)
-    with pytest.raises(Gauss2SvgError, match="jpeg must have a file for each photo; got none"):
+    with pytest.raises(Gauss2SvgError, match="jpeg must have a file or a row for each photo"):
         run.measure_run(request | {"file": None, "numbers": {}})
