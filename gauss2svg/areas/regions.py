@@ -22,7 +22,7 @@ from gauss2svg.core import Kernel
 
 # Largest difference of values in a block of pixels of one colour, in any picture and in one where
 # CLEAN of the blocks have one colour. There, steps of five levels are edges of pale shapes.
-FLAT, EQUAL, CLEAN = 4 * LEVEL, 1.5 * LEVEL, 0.65
+FLAT, CLEAN_FLAT, CLEAN = 4 * LEVEL, 1.5 * LEVEL, 0.65
 BEND = 2.1 * LEVEL  # largest second difference of values that are evenly shaded
 STEEP = 0.03  # largest difference of neighbouring values that are evenly shaded
 REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/areas.md)
@@ -43,7 +43,7 @@ def cores_of(pixels: Floats) -> Ints:
     levels = pixels / LEVEL
     is_clean = np.abs(levels - np.rint(levels)).max() < 0.01  # not after JPEG's noise was taken out
     is_clean &= np.mean(spread <= 1.1 * LEVEL) >= CLEAN
-    return cores_of_blocks(is_shaded | (spread <= (EQUAL if is_clean else FLAT)))
+    return cores_of_blocks(is_shaded | (spread <= (CLEAN_FLAT if is_clean else FLAT)))
 
 
 def cores_of_blocks(block: Bools) -> Ints:

@@ -6,6 +6,7 @@ from flat import vectorize
 from pictures import smile
 from PIL import Image
 from scenes import random_scene
+from scipy import ndimage
 from skimage import data
 
 from gauss2svg.errors import InputError
@@ -187,3 +188,11 @@ def test_a_faint_photo_is_recognised_when_its_contrast_is_restored(base):
     result = vectorize(np.float32(faint), quality="draft")
     restored = np.clip((result.raster - base) / 0.07, 0, 1)
     assert metrics.psnr(restored, photo) > 14  # its mean colour alone has 10 dB
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_smooth_photo_stops_later_because_its_shapes_are_soft(seed):
+    noise = np.random.default_rng(seed).normal(size=(192, 256, 1))
+    smooth = ndimage.gaussian_filter(noise, (14, 14, 0))
+    photo = np.float32(0.5 + 0.2 * smooth / smooth.std() * np.array([1.0, 0.8, 0.5]))
+    assert vectorize(np.clip(photo, 0, 1), quality="draft").report["psnr_svg"] > 34
