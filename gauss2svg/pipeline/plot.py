@@ -27,8 +27,8 @@ from skimage.measure import approximate_polygon
 from gauss2svg import portable
 from gauss2svg.areas.arrays import dilated, distance_to, widened
 from gauss2svg.areas.find import RATE, UNIT
-from gauss2svg.areas.lines import parts_between, strokes_of
-from gauss2svg.areas.outlines import lengths_of, sampled
+from gauss2svg.areas.lines import Part, parts_between, strokes_of
+from gauss2svg.areas.outlines import Path, lengths_of, sampled
 from gauss2svg.render import render
 from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import Area, Scene
@@ -274,10 +274,23 @@ def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
             strokes = strokes_of(part, lambda p: np.full(len(p), 0.003), UNIT, RATE, most)
             length = sum(lengths_of(path.segments).sum() for path, _ in strokes)
             # Shorter lines that leave a wide part are its corners.
-            if length > (3 * most if part.thick.any() else 0):
+            if length > (3 * most if part.thick.any() else 0) and _is_even(part, strokes):
                 lines += [(np.array(color), (p.segments + corner) / scale) for p, _ in strokes]
                 thin[top, left][part.box] |= dilated(part.share > 0.5, 2)
     return lines, thin
+
+
+def _is_even(part: Part, strokes: list[tuple[Path, float]]) -> bool:
+    """Return whether a part is about as wide along all of its strokes, unlike wedges and crescents.
+
+    A fifth of the strokes may be wider, where they cross, and a fifth thinner.
+    """
+    depth = distance_to(~np.pad(part.share > 0.5, 1))[0][1:-1, 1:-1]
+    corner, size = np.array([part.box[1].start, part.box[0].start]), np.array(depth.shape[::-1])
+    points = np.concatenate([_points_along(path.segments - corner, size) for path, _ in strokes])
+    column, row = np.clip(points, 0, size - 1).astype(int).T
+    thin, wide = np.percentile(depth[row, column], [20, 80])
+    return bool(wide <= 2 * thin + 1)
 
 
 def _wide(mask: Bools, radius: float) -> Bools:

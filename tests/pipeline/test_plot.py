@@ -131,6 +131,14 @@ def test_narrow_parts_are_drawn_along_their_middle_and_wide_ones_around(areas, l
     assert plot.lifts == lifts
 
 
+def test_a_wedge_is_drawn_around():
+    wedge = np.array([(50.0, 90.0), (48.7, 10.0), (51.3, 10.0)])
+    plot = plot_of(of_areas(Area([polygon(*wedge)], BLACK)))
+    [[stroke]] = [pen.strokes for pen in plot.pens]
+    assert np.abs(np.diff(stroke, axis=0)).sum() > 150  # its middle has 80 mm
+    assert np.abs(stroke - 0.3 - wedge[:, None]).max(axis=2).min(axis=1).max() < 0.3
+
+
 def test_a_drawing_is_hatched_only_if_it_is_asked_for_and_its_lines_never():
     scene = of_areas(box(10, 10, 60, 60), line((70, 10), (70, 90)))
     bare, hatched = plot_of(scene), plot_of(scene, hatch=1.0)
