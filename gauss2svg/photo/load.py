@@ -181,6 +181,7 @@ def check_size(size: Size, name: str, max_pixels: int) -> None:
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
 WHITE_MATTE = (1.0, 1.0, 1.0)  # sRGB colour of the background on which browsers show a picture
+DARK = 4096 / 65535  # above the brightest sample of a camera's 12 bits in samples of 16
 
 
 def load_image(
@@ -209,6 +210,10 @@ def load_image(
     Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     stored, name = _stored(source, max_pixels)
     photo = decoded(stored, name, needed)
+    brightest = float(photo.pixels.max())
+    if 0 < brightest <= DARK:
+        note = f"brightest sample is {brightest:.3f} of white; scale samples of 12 bits by 16 first"
+        photo = dataclasses.replace(photo, notes=(*photo.notes, note))
     if matte is None:
         return photo
     color = np.asarray(matte, np.float32)

@@ -200,3 +200,9 @@ def test_resolution_is_that_of_the_tag_as_the_photo_is_turned(name):
     file = encoded(Image.fromarray(BYTES), "JPEG" if by_exif else name, **options)
     expected = (150, 300) if name == "turned" else (300, 150)
     assert load_image(file).dpi == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(("most", "count"), [(4095, 1), (0, 0), (9000, 0)])
+def test_samples_of_12_bits_in_16_are_noted(most, count):
+    samples = np.linspace(0, most, 64).astype(np.uint16).reshape(8, 8)
+    assert len(load_image(samples).notes) == count
