@@ -447,6 +447,9 @@ class Ties(NamedTuple):
         return value.reshape(-1, 2)
 
 
+MOST_TURNED = 2.0  # px by which a handle may move to lie in the direction of a line
+
+
 def tied(
     point: Floats, segment: Ints, curved: Bools, path_start: Ints, closed: Bools
 ) -> tuple[Floats, Ties]:
@@ -466,7 +469,11 @@ def tied(
     other = np.where(curved, segment[:, 1], segment[:, 3])
     u, v = point[node] - point[one], point[other] - point[node]
     long_u, long_v = portable.hypot(*u.T), portable.hypot(*v.T)
-    is_smooth = (angles_of(u, v) <= np.radians(12)) & (np.minimum(long_u, long_v) >= 0.3)
+    angle = angles_of(u, v)
+    is_smooth = (angle <= np.radians(12)) & (np.minimum(long_u, long_v) >= 0.3)
+    # A long handle would move far to lie in the direction of a short line.
+    handle = np.where(was_curved, long_u, long_v)
+    is_smooth &= (was_curved & curved) | (handle * angle <= MOST_TURNED)
     at = np.flatnonzero(is_smooth & (before >= 0) & (was_curved | curved))
     node, one, other, u, v, long_u, long_v = (
         values[at] for values in (node, one, other, u, v, long_u, long_v)
