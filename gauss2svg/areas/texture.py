@@ -76,19 +76,16 @@ def is_shaded(pixels: NDArray[np.float32]) -> bool:
 
 def _is_flat(rough: NDArray[np.float32]) -> bool:
     uneven = rough >= 1
-    if uneven.mean() > MOST_UNEVEN or _wide_share(rough) > MOST_WIDE:
+    if not 0 < uneven.mean() <= MOST_UNEVEN or _wide_share(rough) > MOST_WIDE:
         return False
     return bool(np.mean(rough[uneven] >= STEP) >= LEAST_STEPS)
 
 
 def _wide_share(rough: NDArray[np.float32]) -> float:
-    """Return the share of uneven blocks that are in squares of WIDE such blocks.
-
-    It is 1 if all blocks are even.
-    """
+    """Return the share of uneven blocks that are in squares of WIDE such blocks."""
     uneven, size = rough >= 1, (1, WIDE, WIDE)
     wide = ndimage.maximum_filter(ndimage.minimum_filter(uneven, size), size)
-    return float(wide.sum() / uneven.sum()) if uneven.any() else 1.0
+    return float(wide.sum() / max(uneven.sum(), 1))
 
 
 def _levels(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

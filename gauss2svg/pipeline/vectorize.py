@@ -260,7 +260,9 @@ def vectorize_by(
     is_whole = _is_whole(run, load)
     plan = plan.for_picture(pixels, pixels_of(photo) if is_whole else pixels)
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
-        if is_whole:
+        from gauss2svg.areas.clean import enlargement_of  # loads the kernels of areas
+
+        if is_whole and enlargement_of(pixels_of(photo)) == 1:
             measured, pixels = photo, pixels_of(photo)
             working = pixels
         else:
@@ -352,7 +354,7 @@ def _is_whole(run: Run, load: Load) -> bool:
     """
     plan, size = load.plan, load.photo.size
     asked = plan.options.run
-    if asked.max_size is not None or asked.max_memory is not None:
+    if asked.max_size is not None:
         return False
     if plan.goal.time_limit is not None and load.measured != size:
         return False

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from flat import vectorize
 from pictures import clouds
+from PIL import Image
 from scipy import ndimage
 from skimage import data
 
@@ -325,6 +326,12 @@ def test_thin_lines_of_a_large_drawing_keep_their_color():
     for color in ((17, 17, 17), (176, 32, 48)):
         assert np.abs(255 * colors - color).max(axis=1).min() < 8
     assert result.report["measured_width"] == 1200
+    assert vectorize(rasterize(chart, 1200, 900), max_memory="8G").svg == result.svg
+
+
+def test_an_enlarged_drawing_is_reduced():
+    large = Image.fromarray(np.uint8(255 * DRAWING)).resize((1152, 1152), Image.Resampling.BICUBIC)
+    assert vectorize(large).report["measured_width"] < 1152
 
 
 def test_a_glow_around_letters_is_drawn_by_gaussians():
