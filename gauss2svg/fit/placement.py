@@ -115,7 +115,7 @@ class _Placer:
     def by_component(self, count: int) -> NewGaussians:
         """Return up to `count` Gaussians, one on each of the components with most squared residual.
 
-        Above areas, and in trials beside them, the largest components are taken instead, as in
+        Above areas that have Gaussians below them, the largest components are taken instead, as in
         LIVE, because large errors are thin there: they lie along outlines, which
         `gauss2svg.areas.refine` moves.
 
@@ -125,7 +125,9 @@ class _Placer:
         stretched. Its direction and the ratio of its axes follow from the second moments of the
         component.
         """
-        squares = None if self._target.ground else np.square(self._residual).sum(axis=0)
+        ground = self._target.ground
+        has_gaussians = ground is not None and len(ground) > 0
+        squares = None if has_gaussians else np.square(self._residual).sum(axis=0)
         area, center, (xx, xy, yy), color = self._components(
             count, 8 if squares is None else 4, squares
         )
