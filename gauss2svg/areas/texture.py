@@ -13,7 +13,6 @@ import math
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from gauss2svg import portable
 
@@ -83,8 +82,12 @@ def _is_flat(rough: NDArray[np.float32]) -> bool:
 
 def _wide_share(rough: NDArray[np.float32]) -> float:
     """Return the share of uneven blocks that are in squares of WIDE such blocks."""
-    uneven, size = rough >= 1, (1, WIDE, WIDE)
-    wide = ndimage.maximum_filter(ndimage.minimum_filter(uneven, size), size)
+    wide = uneven = rough >= 1
+    for join in (np.logical_and, np.logical_or):  # erosion and dilation
+        for axis in (1, 2):
+            ends = [(WIDE // 2, WIDE // 2) if k == axis else (0, 0) for k in range(3)]
+            windows = sliding_window_view(np.pad(wide, ends, "edge"), WIDE, axis)
+            wide = join.reduce(np.moveaxis(windows, -1, 0))
     return float(wide.sum() / max(uneven.sum(), 1))
 
 

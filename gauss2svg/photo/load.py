@@ -331,10 +331,14 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
 
 
 def _tensor_samples(tensor: Any) -> NDArray[Any]:
-    with _refusing("tensor"):  # a quantized, nested or meta tensor has no samples for NumPy
+    try:
         dense = tensor.detach().cpu().to_dense()
         # Floats are converted to float32, because NumPy has no bfloat16.
         return (dense.float() if dense.is_floating_point() else dense).numpy()
+    except (RuntimeError, TypeError) as error:  # raised for masked, quantized, nested, meta tensors
+        needed, reason = "one that NumPy can hold", str(error).partition("\n")[0].rstrip(".")
+        advice = "a dense tensor of floating point"
+        raise refusal("tensor", needed, brief(reason), advice) from error
 
 
 def _of_array(
