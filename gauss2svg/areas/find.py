@@ -68,6 +68,7 @@ def find_areas(
     most_cores: int | None = None,
     glance: Glance = lambda error, edges: None,
     focus: Floats | None = None,
+    is_clean: bool = False,
 ) -> FoundAreas:
     """Return the areas and lines that draw a picture (h, w, 3), or (h, w, 4) with straight alpha.
 
@@ -76,10 +77,13 @@ def find_areas(
     shaded  whether shading without crisp edges is left to Gaussians
     most_cores  raise NoDrawingError if the picture has more cores. None: never
     focus  (h, w) weights of the errors of pixels, of mean 1. None: all are 1
+    is_clean  whether no JPEG and no filter that overshoots has changed the picture
     """
     started = time.perf_counter()
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
-    drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
+    drawing = first_drawing(
+        channels_of(picture), unit, rate, shaded, most_cores, poll, glance, is_clean
+    )
     drawing.focus = focus
     # Faint layers are not even refined. Before that, the others save less than they will.
     layers = merge.without_cheap(drawing, unit, min(max(0.0015, rate), 0.004))
@@ -150,19 +154,19 @@ def both_views(picture: Floats) -> Floats:
 
 def first_drawing(
     picture: Floats, unit: float, rate: float, shaded: bool, most_cores: int | None,
-    poll: Callable[[], None], glance: Glance,
+    poll: Callable[[], None], glance: Glance, is_clean: bool = False,
 ) -> Drawing:  # fmt: skip
     """Return a drawing of a picture, whose outlines have not been refined yet.
 
     poll  function that is called often. An exception ends the search
     """
     poll()
-    cores = regions.cores_of(picture)
+    cores = regions.cores_of(picture, is_clean)
     pixels = clean.with_even_photos(picture, cores)
     if shaded:
         pixels = clean.without_shading(pixels)
     if pixels is not picture:
-        cores = regions.cores_of(pixels)
+        cores = regions.cores_of(pixels, is_clean)
     poll()
     cores = regions.without_edge_shades(pixels, cores)
     count = cores.max() + 1

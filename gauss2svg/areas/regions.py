@@ -20,9 +20,9 @@ from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Box, Floats, Ints
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
-# Largest difference of values in a block of pixels of one colour, in any picture and in one where
-# CLEAN of the blocks have one colour. There, steps of five levels are edges of pale shapes.
-FLAT, CLEAN_FLAT, CLEAN = 4 * LEVEL, 1.5 * LEVEL, 0.65
+# Largest difference of values in a block of pixels of one colour, in any picture and in a clean one
+# where CLEAN of the blocks have one colour. There, steps of five levels are edges of pale shapes.
+FLAT, CLEAN_FLAT, CLEAN = 4 * LEVEL, 2.5 * LEVEL, 0.65
 BEND = 2.1 * LEVEL  # largest second difference of values that are evenly shaded
 STEEP = 0.03  # largest difference of neighbouring values that are evenly shaded
 REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/areas.md)
@@ -30,8 +30,10 @@ REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/a
 _grow_labels = Kernel("grow_labels", "int int int float32 int32 int32 float64")
 
 
-def cores_of(pixels: Floats) -> Ints:
+def cores_of(pixels: Floats, is_clean: bool = False) -> Ints:
     """Return the labels (h, w) of evenly coloured or shaded pixels.
+
+    is_clean  whether no JPEG and no filter that overshoots has changed the picture
 
     A pixel belongs to a core if it is part of a block of 2 x 2 pixels whose values are equal within
     FLAT, or which are shaded evenly. All other pixels have the label -1. Larger cores have smaller
@@ -40,9 +42,7 @@ def cores_of(pixels: Floats) -> Ints:
     spread = spread_of(pixels, 2).max(axis=-1)
     bend = ndimage.maximum_filter(bend_of(pixels), 2)
     is_shaded = (bend <= BEND) & (spread <= STEEP)
-    levels = pixels / LEVEL
-    is_clean = np.abs(levels - np.rint(levels)).max() < 0.01  # not after JPEG's noise was taken out
-    is_clean &= np.mean(spread <= 1.1 * LEVEL) >= CLEAN
+    is_clean = is_clean and np.mean(spread <= 1.1 * LEVEL) >= CLEAN
     return cores_of_blocks(is_shaded | (spread <= (CLEAN_FLAT if is_clean else FLAT)))
 
 

@@ -442,5 +442,5 @@ class ByAreas:
         picture, rate = self._subject.working, self._rate if rate is None else rate
         return lambda progress: find.find_areas(
             picture, rate, self._unit, progress, shaded, self._most_cores, glance,
-            self._subject.weight(picture),
+            self._subject.weight(picture), not (self._noise or self._is_rung),
         )  # fmt: skip
