@@ -72,7 +72,7 @@ def error_line(error: Exception, advice: str) -> str:
     if isinstance(error, MemoryError):
         line = f"out of memory ({line}). Try {advice}"
     elif not isinstance(error, Gauss2SvgError):
-        line = f"{type(error).__name__}: {line}"
+        line = f"{type(error).__name__}: {line}".removesuffix(": ")
     return " ".join(on_one_line(line).split())[:400]
 
 

@@ -112,12 +112,12 @@ def run(
         return Ended(process.returncode, stdout.read(), complaint)
 
 
-def module_command(name: str, *words: str) -> list[str]:
+def module_command(name: str) -> list[str]:
     """Return the command that runs a module in a new process of Python.
 
     The process needs the environment variables of `python_environment()`.
     """
-    return [sys.executable, "-P", "-m", name, *words]
+    return [sys.executable, "-P", "-m", name]
 
 
 def python_environment() -> dict[str, str]:

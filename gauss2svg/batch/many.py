@@ -18,7 +18,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import timedelta
@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 from gauss2svg import errors
 from gauss2svg.batch.inputs import STATE, file_system_of, is_url, passed_over, photos_of, write
-from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, quoted, refusal
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, error_line, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, as_json
 from gauss2svg.options import Field, file_name
 from gauss2svg.photo.pixels import Header
@@ -37,7 +37,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import counting
 from gauss2svg.pipeline.run import memory_limit
 from gauss2svg.pipeline.vectorize import vectorize_by
-from gauss2svg.pool import Pool, completed
+from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
@@ -45,6 +45,9 @@ TABLE = f"{STATE}/table.csv"
 MARKS = f"{STATE}/marks"  # folder of the marks
 # The kernels must not be called by several threads of a process, which a worker of Dask may have.
 _one_at_a_time = threading.Lock()
+_LOST = (WorkerDiedError, BrokenExecutor, CancelledError)  # exceptions of jobs without a worker
+_EXECUTOR = "an executor of concurrent.futures"
+_EXECUTORS = "ProcessPoolExecutor(), or get_executor(pure=False) of a Client of Dask"
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")  # beginning of text that a spreadsheet runs as a formula
 
 
@@ -119,15 +122,23 @@ def vectorize_many(
     workers   number of processes of this machine, 1..1024. If it is None, there is one for each
               core, or as many as the memory allows
     executor  executor whose workers vectorise the photos, such as that of a cluster. If it is None,
-              processes of this machine do. A worker must do one photo at a time.
+              processes of this machine do. A worker must do one photo at a time. `workers` must
+              be None then.
     progress  whether to show a bar on a terminal or in a notebook
     named     options by their names, as in `vectorize`: vectorize_many(photos, "out", seed=7)
 
     Photos that an earlier run has finished are skipped. Workers are started only if other photos
     are left. If a photo fails, its record has an error. Raise InputError for bad arguments, before
-    any photo is read, and for a worker that has another version of gauss2svg or does not see the
-    output folder. Raise OutputError if no file can be written.
+    any photo is read, and for an executor that takes no more jobs. Also raise it for a worker that
+    has another version of gauss2svg or does not see the output folder. Raise OutputError if no file
+    can be written.
     """
+    if executor is not None:
+        if not callable(getattr(executor, "submit", None)):
+            raise refusal("executor", _EXECUTOR, quoted(executor), _EXECUTORS)
+        if workers is not None:
+            got = f"workers {quoted(workers)}"
+            raise refusal("executor", "given without workers", got, "one of them")
     options = errors.instance(options, "options", Options).changed(**named)
     show_progress = Field("progress", bool).checked(progress)
     return Batch(sources, output, options, workers).run(executor, quiet=not show_progress)
@@ -237,7 +248,7 @@ class Batch:
         else:
             # The width is larger than the number of workers, so that workers may come later.
             options = self.options.changed(threads=self.options.run.threads or 1)
-            engine = nullcontext((executor.submit, 1000, options))
+            engine = nullcontext((partial(_submit, executor), 1000, options))
         with engine as (submit, width, options):
             spec = replace(self._spec, options=options)
             for photo, job in completed(partial(submit, work, spec), iter(left), width):
@@ -245,11 +256,27 @@ class Batch:
                     yield job.result()
                 except (InputError, OutputError):
                     raise
-                except Exception as error:  # executors have their own exceptions for a lost worker
-                    line = f"its worker died ({type(error).__name__}); was there enough memory? "
-                    line += "Try --max-size, or fewer --workers"
+                except Exception as error:  # not from `work`, which returns most errors
+                    advice = "--max-size or fewer --workers, which take less memory"
+                    line, code = error_line(error, advice), type(error).__name__
+                    # KilledWorker is Dask's exception, which may not be installed.
+                    if isinstance(error, _LOST) or code == "KilledWorker":
+                        line, code = f"its worker died ({line}). Try {advice}", "WorkerDied"
                     start: Any = (*photo, spec.identity)
-                    yield PhotoRecord(*start, error=line, error_code="WorkerDied")
+                    yield PhotoRecord(*start, error=line, error_code=code)
+
+
+def _submit(executor: Executor, *job: Any) -> Future[Any]:
+    """Submit a job, and return its future. Raise InputError if the executor does not take it."""
+    try:
+        future = executor.submit(*job)
+    except Exception as error:  # a shut-down or broken executor, or one with another interface
+        got, advice = error_line(error, ""), "a new one, which continues the batch"
+        raise refusal("executor", "able to take jobs", got, advice) from error
+    if not isinstance(future, Future):
+        got = f"one with futures of {type(future).__module__}"
+        raise refusal("executor", _EXECUTOR, got, _EXECUTORS)
+    return future
 
 
 # A method that submits a job, the number of photos that are submitted at the same time, and the
@@ -389,7 +416,7 @@ def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
         is_full = getattr(error.__cause__, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
         if isinstance(error, OutputError) and is_full:
             raise
-        line = errors.error_line(error, "--max-size, or workers with more memory")
+        line = error_line(error, "--max-size, or workers with more memory")
         code = type(error).__name__
         return PhotoRecord(*photo, spec.identity, error=line, error_code=code)
 

@@ -64,11 +64,9 @@ def main(arguments: list[str] | None = None) -> int:
     """
     # Warnings and log messages of libraries are not printed, because standard error is for messages
     # of this program. Python prints log messages if there is no handler, so a handler that does
-    # nothing is added. The logger of concurrent.futures has a handler of its own that prints, so
-    # the level of this logger is raised above all messages.
-    warnings.filterwarnings("ignore", module="PIL|distributed")
+    # nothing is added.
+    warnings.filterwarnings("ignore", module="PIL")
     logging.getLogger().addHandler(logging.NullHandler())
-    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)
     words = sys.argv[1:] if arguments is None else arguments
     try:
         with terminal.handling():

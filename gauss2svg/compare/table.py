@@ -58,6 +58,7 @@ _COSTS = (
     # to raster images too, because gzip hardly changes their sizes.
     Cost("svgz_bytes", "bytes", "bytes, gzipped"),
 )
+_PLOT_NAMES = {f"{axis.slug}_{cost.unit}.svg" for axis in SCORES for cost in _COSTS}
 
 
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
@@ -260,4 +261,7 @@ def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
     texts = {"bench.csv": csv_text(cells), "summary.md": text, **plots}
     tables = {"bench.json": as_json(document)} | {name: t.encode() for name, t in texts.items()}
     write_all_atomically({folder / name: data for name, data in tables.items()})
+    # An earlier benchmark may have left plots that this one does not have. They are removed.
+    for name in _PLOT_NAMES - plots.keys():
+        (folder / name).unlink(missing_ok=True)
     return rows

@@ -11,11 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast, get_args
 
-from gauss2svg.errors import InputError as InputError
 from gauss2svg.errors import nearest, quoted, refusal
 from gauss2svg.fit import schedule
 from gauss2svg.fit.schedule import doubled, refinement_reduction
-from gauss2svg.options import Field as Field
 from gauss2svg.options import Interval, OptionGroup, Seed, check_color
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.ink_lists import MOST_TONES, Inks, check_inks

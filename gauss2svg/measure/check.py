@@ -138,13 +138,13 @@ def check(
       renderer         one of RENDERERS
       max_svg_bytes    largest size of the SVG without compression: 256000000, "256M"
       max_elements     largest number of elements in the SVG, >= 1
-      draw_timeout     longest time in s that rasterising the SVG may take, > 0
+      draw_timeout     longest time in s that rasterising the SVG may take, 0.001..86400
       max_pixels       largest number of pixels of the photo, as in `vectorize`
       max_size         longest side in px to which a larger photo is reduced before the comparison
       matte            colour, such as white or #fa0, over which the photo is composited first.
                        If None, the photo keeps its alpha, which is compared too
       reference_scale  factor by which the SVG is enlarged from the photo's size to compare it
-                       with the reference, > 0. None: 4
+                       with the reference, >= 1e-6. None: 4
 
     The SVG is not trusted. Entities, references to anything outside the file, and files beyond the
     limits are refused. A separate process draws the SVG, and on Linux its memory is limited.

@@ -4,6 +4,8 @@ import csv
 import errno
 import json
 import os
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from types import SimpleNamespace
 
 import pytest
@@ -167,7 +169,55 @@ def test_a_fault_a_lost_worker_or_a_name_that_is_taken_costs_its_photo_alone(
     errors = {name: row["error"] for name, row in rows(tmp_path / "out").items()}
     assert errors["b/c d.svg"] == "ZeroDivisionError: a fault"
     assert errors["b/a.svg"].startswith("out of memory (5 GiB). Try")
-    assert "memory? Try" in errors["a.svg"]
+    assert errors["a.svg"].startswith("its worker died (killed by SIGKILL). Try --max-size or")
+
+
+def test_the_threads_of_an_executor_write_the_files_of_the_pool(run, photos, tmp_path):
+    run(photos)
+    with ThreadPoolExecutor(2) as executor:
+        found = vectorize_many([photos], tmp_path / "other", tiny(), executor=executor)
+        assert sorted(record.output for record in found if not record.error) == GOOD
+    assert outputs(tmp_path / "other") == outputs(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (ImportError("no gauss2svg"), "ImportError", "ImportError: no gauss2svg"),
+        (BrokenProcessPool("ended"), "WorkerDied", "its worker died (BrokenProcessPool: ended). "),
+        (type("KilledWorker", (Exception,), {})(), "WorkerDied", "its worker died (KilledWorker)"),
+        (CancelledError(), "WorkerDied", "its worker died (CancelledError). Try --max-size or "),
+    ],
+)
+def test_what_an_executor_says_of_a_photo_is_in_its_record(error, code, line, photos, tmp_path):
+    job = Future()
+    job.set_exception(error)
+    executor = SimpleNamespace(submit=lambda *_: job)
+    [record] = vectorize_many([photos / "a.png"], tmp_path / "out", tiny(), executor=executor)
+    assert (record.output, record.error_code) == ("a.svg", code)
+    assert record.error.startswith(line)
+    assert ("memory" in record.error) == (code == "WorkerDied")
+
+
+CLOSED = ThreadPoolExecutor(1)
+CLOSED.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ({"executor": "tcp://x"}, "executor must be an executor of concurrent.futures; got 'tcp"),
+        ({"executor": CLOSED, "workers": 3}, "executor must be given without workers; got workers"),
+        ({"executor": CLOSED}, "executor must be able to take jobs; got RuntimeError: cannot sch"),
+        (
+            {"executor": SimpleNamespace(submit=lambda *_: None)},
+            "futures; got one with futures of builtins",
+        ),
+    ],
+)
+def test_executors_that_cannot_work_are_refused_in_a_line(given, line, photos, tmp_path):
+    with pytest.raises(InputError, match=f"{line}.* Try "):
+        list(vectorize_many([photos], tmp_path / "out", tiny(), **given))
 
 
 def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, monkeypatch):

@@ -93,6 +93,8 @@ def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_pa
         if "error" not in row:
             row["cpu_s"] = row["peak_bytes"] = seconds
     exact = tmp_path / "exact"
+    exact.mkdir()
+    (exact / "psnr_bytes.svg").touch()  # of an earlier benchmark
     run_bench(paths, exact, axes={"gaussians": [99]})
     assert "| gaussians 99 | inf |" in (exact / "summary.md").read_text()
     assert cells_of(exact / "bench.csv")[0]["psnr_svg"] == "inf"

@@ -60,11 +60,11 @@ def test_a_folder_of_photos_becomes_svgs_and_a_bad_one_costs_itself(tmp_path, ca
 
 
 def test_a_cluster_does_what_is_new_and_counts_it(tmp_path, capsys):
-    from distributed import LocalCluster
+    distributed = pytest.importorskip("distributed")
 
     photos = str(save_photos(tmp_path / "photos", ["a.png", "b.png"]))
     local = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
-    with LocalCluster(**local) as cluster:
+    with distributed.LocalCluster(**local) as cluster:
         for counted in ("2 written", "2 skipped"):
             example = importlib.import_module("cluster")
             assert example.main(cluster.scheduler_address, photos, str(tmp_path / "out")) == 0

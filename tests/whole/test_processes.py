@@ -55,6 +55,6 @@ def test_a_module_is_imported_as_here_and_not_from_the_current_folder(tmp_path, 
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path / "there")
     monkeypatch.syspath_prepend("")
-    command = processes.module_command("some_module", "word")
+    command = processes.module_command("some_module")
     assert run(command, environment=processes.python_environment()).output == b"there\n"
     assert Path(processes.python_environment()["PYTHONPATH"].split(os.pathsep)[-1]).is_dir()

@@ -34,7 +34,7 @@ COMMAND = "import sys; from gauss2svg.cli.main import main; main(sys.argv[2:])"
     ("code", "names"),
     [
         ("from gauss2svg.cli.main import main; main([])", "numpy scipy PIL torch"),
-        ("import gauss2svg as g; g.vectorize; g.vectorize_many", "dask distributed fsspec"),
+        ("import gauss2svg as g; g.vectorize; g.vectorize_many", "fsspec"),
         ("import gauss2svg.studio, gauss2svg.cli.main as m; m.main(['studio', '-h'])", "fastapi"),
         ("import gauss2svg.compare.records", "numpy PIL gauss2svg.pipeline"),
     ],
