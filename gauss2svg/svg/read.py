@@ -406,6 +406,8 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     """
     changes: dict[str, Any] = {}
     off = {"none", "normal", "inherit", "visible"}
+    if "color" in attributes:  # it comes first, because currentColor refers to it
+        attributes = {"color": attributes["color"], **attributes}
     for name, value in attributes.items():
         if name in _INHERITED and value != "inherit":
             style = changes.get("style", parent.style)

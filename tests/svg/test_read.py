@@ -182,6 +182,20 @@ def test_rounds_are_those_of_labels_ids_or_order(body, rounds):
     assert read_svg(document(clipped)).round_index.tolist() == rounds
 
 
+@pytest.mark.parametrize(
+    ("root", "look"),
+    [
+        ("", 'fill="currentColor" color="#0f0"'),
+        ("", 'style="fill:currentColor;color:#0f0"'),
+        ('fill="currentColor" color="#0f0"', ""),
+    ],
+)
+def test_current_color_is_the_color_of_the_element_in_any_order(root, look):
+    rect = f'<rect width="9" height="9" {look}/>'
+    (area,) = read_svg(document(rect, root=f'width="40" height="30" {root}')).areas
+    assert area.paint == (0, 1, 0)
+
+
 def test_a_missing_background_is_a_transparent_scene():
     assert read_svg(document(rect="")).transparent
     opaque = read_svg(document())
