@@ -1,8 +1,8 @@
 """Read how elements are painted: styles, colours, gradients, masks, filters and strokes.
 
 The exponent of a gradient is the one of BETA_CLASSES to which its stops belong. In minimal markup,
-the opacities of the stops are in a style sheet, which is not read, because the offsets suffice. Or
-the stops are the greys of a mask. The luminance of such a grey is the falloff.
+the opacities of the stops are in a style sheet, or the stops are the greys of a mask. The luminance
+of such a grey is the falloff.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class Gradient(NamedTuple):
 
     tag        linearGradient or radialGradient
     values     attributes, those of the gradients to which it refers included
-    stops      offset, colour and opacity of each stop. The opacity is NaN if a style sheet has it
+    stops      offset, colour and opacity of each stop
     is_falloff whether it is the falloff of a shape, and not the paint of an area
     """
 
@@ -123,25 +123,33 @@ class Gradient(NamedTuple):
     is_falloff: bool
 
     @classmethod
-    def of(cls, by_id: Mapping[str, Any], key: str) -> Gradient:
-        """Return the gradient with an id."""
+    def of(
+        cls, by_id: Mapping[str, Any], key: str, rules: Mapping[tuple[str, int], dict[str, str]]
+    ) -> Gradient:
+        """Return the gradient with an id.
+
+        rules  properties of stops in a style sheet, by the id to which their gradient refers and
+               the index of the stop
+        """
         chain, name = list[Any](), key
         while name and len(chain) < 9:  # Inkscape writes two
             chain.append(target_of(by_id, name, "radialGradient", "linearGradient"))
             name = link_of(chain[-1])
         values = {name: value for e in reversed(chain) for name, value in e.attrib.items()}
         owner = next((e for e in chain if len(e)), chain[-1])
-        stops, in_sheet = list[tuple[float, Color, float]](), "color" in owner.attrib
-        for stop in owner:
-            own = styled(stop)
-            shade = own.get("stop-color", owner.get("color", "black"))
+        stops = list[tuple[float, Color, float]]()
+        for k, stop in enumerate(owner):
+            own = {**rules.get((link_of(owner), k), {}), **styled(stop)}
+            shade = own.get("stop-color", "black")
+            if shade == "currentColor":
+                shade = styled(owner).get("color", shade)
             if stop.tag != SVG + "stop":
                 raise refusal("stops of its gradient", "all that it has", "others")
             offset, color = _share(own.get("offset", "0")), color_of(shade, "stop-color")
-            opacity = math.nan if in_sheet else share_of(own.get("stop-opacity", "1"), "opacity")
+            opacity = share_of(own.get("stop-opacity", "1"), "stop-opacity")
             stops.append((share_of(offset, "offset"), color, opacity))
         tag = chain[0].tag.removeprefix(SVG)
-        has_falloff = in_sheet or any(opacity < 1 for *_, opacity in stops)
+        has_falloff = any(opacity < 1 for *_, opacity in stops)
         return cls(tag, values, stops, has_falloff and tag == "radialGradient")
 
     def fill(self, in_mask: bool = False) -> Fill:
@@ -158,9 +166,9 @@ class Gradient(NamedTuple):
         if len(colors) != 1:
             raise refusal("stops of its gradient", "of one colour", f"{len(colors)} colours")
         known = [row for row in _known_stops(in_mask) if len(row[1]) == len(rows)]
-        errors = [float(np.nanmax(np.abs(np.subtract(rows, one)))) for _, one in known]
+        errors = [float(np.abs(np.subtract(rows, one)).max()) for _, one in known]
         # The offsets and opacities may differ by at most .02 from those that write_svg writes. The
-        # offsets of two exponents differ by at least .1, so only one exponent can match.
+        # stops of two exponents differ by at least .1, so only one exponent can match.
         if min(errors, default=1.0) > 0.02:
             raise refusal("stops of its gradient", "those that write_svg writes", "others")
         beta = known[int(np.argmin(errors))][0]

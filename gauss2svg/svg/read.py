@@ -39,7 +39,7 @@ from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, Area, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
 from gauss2svg.svg import CANVAS, file, paints
-from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, SVG, numbers
+from gauss2svg.svg.file import INKSCAPE, MOST_BYTES, NUMBER, SVG, numbers
 from gauss2svg.svg.paints import Fill, Gradient, color_of, reference_of, share_of, styled
 from gauss2svg.svg.paths import Affine, data_of, ellipses_of, length, nonzero, outlines_of
 
@@ -140,14 +140,15 @@ class _Reader:
 
     def __init__(self, root: Any) -> None:
         self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
-        self._gradient = cache(lambda key: Gradient.of(self._by_id, key))
+        rules = dict[tuple[str, int], dict[str, str]]()
+        self._gradient = cache(lambda key: Gradient.of(self._by_id, key, rules))
         self._falloff = cache(lambda key, in_mask: self._gradient(key).fill(in_mask))
         self._areas: list[Area] = []
         self._shapes: list[_Shape] = []
         self._background: Any = None  # colour of the background
         for sheet in root.iter(SVG + "style"):
             with _naming(sheet):
-                _check_sheet(sheet)
+                rules.update(_rules_of(sheet))
         with _naming(root):
             if root.tag != SVG + "svg":
                 raise refusal("the root", "an <svg> in the namespace of SVG", root.tag[:80])
@@ -348,19 +349,28 @@ class _Reader:
             raise InputError(f"the SVG must be one of write_svg; {error}") from error
 
 
-def _check_sheet(sheet: Any) -> None:
-    """Raise InputError if a style sheet has a rule that write_svg does not write."""
+def _rules_of(sheet: Any) -> Iterator[tuple[tuple[str, int], dict[str, str]]]:
+    """Yield the properties that a style sheet gives to stops.
+
+    The key of a stop is the id to which its gradient refers, and its index in the gradient. Raise
+    InputError if the sheet has a rule that write_svg does not write.
+    """
     # The opacities of stops, fragments and animations, once the blanks are removed.
-    rules = (
-        r"""(?:\[href="#[A-Za-z]+"\]stop[+\w]*\{[^{}]*\}|svg>g:target~g\{display:none;?\}"""
-        r"|@media\(prefers-reduced-motion:no-preference\)\{@keyframesfade-in\{from\{[^{}]*\}\}"
-        r"(?:#round-\d+\{[^{}]*\})*\})*"
+    rule = (
+        r'\[href="#([A-Za-z]+)"\]stop(?:\{stop-color:currentColor;|((?:\+stop)+)\{)'
+        rf"stop-opacity:({NUMBER});?\}}|svg>g:target~g\{{display:none;?\}}"
+        r"|@media\(prefers-reduced-motion:no-preference\)\{@keyframesfade-in\{from\{opacity:0;?\}\}"
+        rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*\}}"
     )
     text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
-    if len(sheet) or not re.fullmatch(rules, text):
+    if len(sheet) or re.sub(rule, "", text):
         needed = "one that write_svg writes for a scene whose blend is 'over'"
         advice = "to write what it sets into the elements, or the scene of --save-scene"
         raise refusal("the style sheet", needed, quoted((sheet.text or "").strip()), advice)
+    for key, others, opacity in re.findall(rule, text):
+        if key:
+            look = {"stop-color": "currentColor", "stop-opacity": opacity}
+            yield (key, others.count("+")), look
 
 
 def _shows_all(outline: Affine, disc: Affine) -> bool:
@@ -406,6 +416,8 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     """
     changes: dict[str, Any] = {}
     off = {"none", "normal", "inherit", "visible"}
+    if "color" in attributes:  # it comes first, because currentColor refers to it
+        attributes = {"color": attributes["color"], **attributes}
     for name, value in attributes.items():
         if name in _INHERITED and value != "inherit":
             style = changes.get("style", parent.style)

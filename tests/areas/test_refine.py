@@ -73,6 +73,16 @@ def test_refinement_finds_the_width_and_the_ends_of_a_line(width):
     assert np.abs(drawing.point[[0, 3]] - np.array(points)[[0, 3]]).max() < 0.05
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_refinement_never_raises_the_error(seed):
+    target = drawing_of(OUTLINE, CANVAS).draw()
+    points = np.array(OUTLINE.points) + np.random.default_rng(seed).normal(size=(6, 2))
+    drawing = drawing_of(replace(OUTLINE, points=tuple(map(tuple, points))), target)
+    before = ((drawing.draw() - target) ** 2).sum()
+    drawing.refine(10, colors=False)
+    assert ((drawing.draw() - target) ** 2).sum() <= before
+
+
 def test_ties_keep_smooth_joins_smooth_and_level_lines_level():
     """A rounded rectangle stays one while it is fitted to another picture."""
     points = [(6, 4), (16, 4.02), (18, 4), (20, 6), (20, 8), (20.02, 16), (6, 16)]

@@ -10,7 +10,7 @@ from PIL import Image, ImageFilter
 from skimage import data
 
 from gauss2svg.areas.find import find_areas
-from gauss2svg.areas.texture import may_have_areas
+from gauss2svg.areas.texture import is_flat, is_shaded, may_have_areas
 
 PICTURES = Path(__file__).parents[2] / "benchmarks" / "pictures"
 PHOTOS = ("astronaut", "rocket", "camera", "coins")
@@ -87,6 +87,16 @@ def test_slow_shading_has_no_areas():
     assert not may_have_areas(np.float32(shade / 255))
 
 
+def test_a_flat_chart_a_glow_and_a_photo_are_apart():
+    rows, columns = np.mgrid[-1:1:200j, -1:1:200j]
+    glow = np.where(np.hypot(rows, columns) < 0.6, 1 - np.hypot(rows + 0.2, columns + 0.2), 1)
+    glow = np.float32(np.round(255 * glow) / 255)[..., None].repeat(3, 2)
+    chart = chart_of_a_thin_line()
+    assert (is_flat(chart), is_shaded(chart)) == (True, False)
+    assert (is_flat(glow), is_shaded(glow)) == (False, True)
+    assert not any(is_flat(pixels_of(photo_named(name))) for name in PHOTOS)
+
+
 def test_flat_areas_that_differ_by_a_few_levels_are_apart():
     found = find_areas(pale_waves(6), is_clean=True)
     assert len(found.areas) + 1 == 7
@@ -117,3 +127,9 @@ def test_a_photo_in_a_drawing_is_one_area_of_its_outline():
     flag, areas = (find_areas(picture).areas for picture in page_with(texture()))
     assert len(areas) == len(flag) + 1
     assert min(np.abs(boxed(area) - (60, 30, 220, 150)).max() for area in areas) < 0.1
+
+
+@pytest.mark.parametrize("deviation", [3, 20])
+def test_noise_has_no_areas(deviation):
+    noise = np.random.default_rng(1).normal(0.5, deviation / 255, (200, 240, 3))
+    assert not find_areas(np.float32(noise.clip(0, 1))).areas

@@ -182,6 +182,20 @@ def test_rounds_are_those_of_labels_ids_or_order(body, rounds):
     assert read_svg(document(clipped)).round_index.tolist() == rounds
 
 
+@pytest.mark.parametrize(
+    ("root", "look"),
+    [
+        ("", 'fill="currentColor" color="#0f0"'),
+        ("", 'style="fill:currentColor;color:#0f0"'),
+        ('fill="currentColor" color="#0f0"', ""),
+    ],
+)
+def test_current_color_is_the_color_of_the_element_in_any_order(root, look):
+    rect = f'<rect width="9" height="9" {look}/>'
+    (area,) = read_svg(document(rect, root=f'width="40" height="30" {root}')).areas
+    assert area.paint == (0, 1, 0)
+
+
 def test_a_missing_background_is_a_transparent_scene():
     assert read_svg(document(rect="")).transparent
     opaque = read_svg(document())
@@ -191,6 +205,7 @@ def test_a_missing_background_is_a_transparent_scene():
 SIZE = 'width="40" height="30" viewBox="0 0 40 30"'
 ONE = Scene(20, 20, [[9, 9]], [[3, 2]], [0.1], [[1, 0, 0]], [0.5])
 SOFT, SHEET = (minimal_svg(ONE, 1, 6, masked=masked) for masked in (True, False))
+MOVING = write_svg(ONE, document=Document(fragments=True, animate=2))
 FILL = 'fill="red" d="m0 0h9v9z"'
 STROKE = 'fill="none" stroke="red" d="m0 0h9v9"'
 STAR = "m20 2 6 20-16-12h20l-16 12z"
@@ -256,11 +271,24 @@ RECTANGLES = {
     '<rect width="99" height="99" transform="scale(1e300) scale(1e300)"/>': "points of an outline",
     '<rect width="99" height="99" opacity="x"/>': "opacity must be a finite number",
 }
+# What is changed in a style sheet of stops, or of fragments and animations, and the line.
+EDITED = [
+    (SHEET, "stop-opacity:0", "stop-opacity:.5", "those that write_svg writes"),
+    (SHEET, "stop-opacity:.99", "stop-opacity:0", "those that write_svg writes"),
+    (SHEET, "stop-opacity:.99", "display:none", "the style sheet must be"),
+    (SHEET, "stop-opacity:.99", "stop-opacity:.99;stop-color:red", "the style sheet must be"),
+    (SHEET, "stop-color:currentColor;", "", "the style sheet must be"),
+    (SHEET, '[href="#a"]', '[href="#z"]', "its gradient must be"),
+    (MOVING, "from{opacity:0}", "from{display:none}", "the style sheet must be"),
+    (MOVING, "{animation:", "{display:none;animation:", "the style sheet must be"),
+]
 WRITTEN = {
     "another circle": (SOFT.replace('<circle r="1"', '<circle r="2"'), "its mask must be"),
     "a filter of a use": (SOFT.replace('href="#a"', 'href="#a" filter="url(#c)"'), "its filter"),
     "another mask": (SOFT.replace("<mask", '<mask maskUnits="userSpaceOnUse"'), "its mask must be"),
-    "no colour": (SHEET.replace(' color="#f00"', ""), "its gradient must be"),
+    "no colour": (SHEET.replace(' color="#f00"', ""), "opaque colour"),
+    "an opacity of stops": (SHEET.replace("<stop", '<stop style="stop-opacity:0"'), "those that"),
+    **{f"{old} as {new}": (svg.replace(old, new), line) for svg, old, new, line in EDITED},
     "a sum": (write_svg(random_sum(4, 20, 20, 1)), "<style .* whose blend is 'over'"),
     "no file": ("/none/there.svg", "cannot read /none/there.svg"),
     "no source": (5, "source must be a path"),
