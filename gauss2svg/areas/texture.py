@@ -75,7 +75,7 @@ def is_shaded(pixels: NDArray[np.float32]) -> bool:
 
 def _is_flat(rough: NDArray[np.float32]) -> bool:
     uneven = rough >= 1
-    if not 0 < uneven.mean() <= MOST_UNEVEN or _wide_share(rough) > MOST_WIDE:
+    if not 0 < uneven.sum() <= MOST_UNEVEN * uneven.size or _wide_share(rough) > MOST_WIDE:
         return False
     return bool(np.mean(rough[uneven] >= STEP) >= LEAST_STEPS)
 
@@ -83,12 +83,14 @@ def _is_flat(rough: NDArray[np.float32]) -> bool:
 def _wide_share(rough: NDArray[np.float32]) -> float:
     """Return the share of uneven blocks that are in squares of WIDE such blocks."""
     wide = uneven = rough >= 1
+    if not uneven.any():
+        return 0.0
     for join in (np.logical_and, np.logical_or):  # erosion and dilation
         for axis in (1, 2):
             ends = [(WIDE // 2, WIDE // 2) if k == axis else (0, 0) for k in range(3)]
             windows = sliding_window_view(np.pad(wide, ends, "edge"), WIDE, axis)
             wide = join.reduce(np.moveaxis(windows, -1, 0))
-    return float(wide.sum() / max(uneven.sum(), 1))
+    return float(wide.sum() / uneven.sum())
 
 
 def _levels(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
