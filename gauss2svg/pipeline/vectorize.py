@@ -258,12 +258,13 @@ def vectorize_by(
     is_drawn = plan.may_be_exact and not plan.sketch
     sprite = _sprite(plan, run, image, photo) if is_drawn else None
     is_whole = _is_whole(run, load)
-    plan = plan.for_picture(pixels, pixels_of(photo) if is_whole else pixels)
+    whole = pixels_of(photo) if is_whole and photo is not measured else None
+    plan = plan.for_picture(pixels, whole)
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
         from gauss2svg.areas.clean import enlargement_of  # loads the kernels of areas
 
-        if is_whole and enlargement_of(pixels_of(photo)) == 1:
-            measured, pixels = photo, pixels_of(photo)
+        if is_whole and enlargement_of(pixels if whole is None else whole) == 1:
+            measured, pixels = photo, pixels if whole is None else whole
             working = pixels
         else:
             # Outlines would follow the rings of the filter that keeps photos sharp.
