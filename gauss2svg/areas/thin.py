@@ -188,10 +188,10 @@ def add_thin_regions(regions: Regions) -> None:
         if len(regions.paints) == before:
             break
     _add_parts(regions, palette, FAINT)
-    _add_hairlines(regions)
+    _add_hairlines(regions, palette)
 
 
-def _add_hairlines(regions: Regions) -> None:
+def _add_hairlines(regions: Regions, palette: Palette) -> None:
     """Give long lines that have little of each of their pixels the colour that these have.
 
     They were explained as much thinner lines of a colour that is seen elsewhere. Faint lines are
@@ -199,33 +199,43 @@ def _add_hairlines(regions: Regions) -> None:
     """
     pixels, cores, paints = regions.pixels, regions.cores, regions.paints
     order = np.argsort(-regions.share, axis=-1, kind="stable")
-    largest, second, _ = np.moveaxis(np.take_along_axis(regions.label, order, -1), -1, 0)
-    share = np.take_along_axis(regions.share, order, -1)[..., 1]
-    number = paint_numbers(paints)
-    main, other = number[largest], number[second]
+    label, share = (np.take_along_axis(a, order, -1) for a in (regions.label, regions.share))
+    number = np.append(paint_numbers(paints), -1)[label]
+    (height, width), main = cores.shape, number[..., 0]
     # Less than .06 is noise. Lines with .4 and more of their pixels are as wide as they seem.
-    is_faint = (share > 0.06) & (share < 0.4) & (cores < 0) & (inside_of(main, 3) >= 0)
-    (height, width), around = main.shape, np.pad(main, 2, constant_values=-1)
+    is_faint = (share > 0.06) & (share < 0.4) & (cores < 0)[..., None]
+    around = np.pad(main, 2, constant_values=-1)
     for y, x in itertools.product(range(5), repeat=2):
-        is_faint &= around[y : y + height, x : x + width] != other
-    part, boxes = parts_of(dilated(is_faint))
-    flat = [paint for paint in dict.fromkeys(paints) if not paint.is_shaded]
+        is_faint &= around[y : y + height, x : x + width, None] != number
+    faint = share.max(axis=-1, where=is_faint, initial=0)
+    part, boxes = parts_of(dilated(faint > 0))
+    is_even, known = inside_of(main, 3) >= 0, list(dict.fromkeys(paints))
     for q, tight in enumerate(boxes, 1):
         if max(side.stop - side.start for side in tight) < LEAST_HAIRLINE:
             continue
-        at = pixels_of((part[tight] == q) & is_faint[tight], tight)
-        ground = paints[np.bincount(largest[at]).argmax()]
-        strength = ((pixels[at] - ground.at(*at[::-1])) ** 2).sum(axis=1)
-        color = np.median(pixels[at][strength >= np.percentile(strength, 75)], axis=0)
-        others = (paint for paint in flat if paint is not ground)
-        same = [paint for paint in others if _differences(color, paint) <= SAME_COLOR]
-        paint = min(same or [Paint(color)], key=lambda paint: _differences(color, paint))
-        at = pixels_of((part[tight] == q) & (cores[tight] < 0), tight)
-        mixture = _mixture(pixels, at, paint, ground)
-        is_own = mixture[1] < regions.error[at] + UNEXPLAINED
-        at = at[0][is_own], at[1][is_own]
-        _mix(regions, at, len(paints), largest[at], mixture[:, is_own])
-        paints.append(paint)
+        at = pixels_of((part[tight] == q) & (faint[tight] > 0), tight)
+        grounds, is_on_one = np.unique(main[at]), is_even[at].mean() > 0.5
+        color = np.median(pixels[at][faint[at] >= np.percentile(faint[at], 75)], axis=0)
+        others = (k for k, p in enumerate(known) if k not in grounds and not p.is_shaded)
+        same = [k for k in others if _differences(color, known[k]) <= SAME_COLOR]
+        if not same:
+            same = [len(known)]
+            known.append(Paint(color))
+        own = min(same, key=lambda k: _differences(color, known[k]))
+        # Letters that the line meets stay whole.
+        near = widened(tight, 1, cores.shape)
+        is_other = ~np.isin(main[near], [*grounds, own])
+        at = pixels_of((part[near] == q) & (cores[near] < 0) & ~dilated(is_other), near)
+        label, share, error = palette.explain(
+            pixels, regions.labels, at, known[own].color, len(paints)
+        )
+        # Between two grounds, lines must explain much, because soft edges look like lines too.
+        if is_on_one or error.sum() < 0.5 * regions.error[at].sum():
+            is_own = (label == len(paints)).any(axis=1) & (error < regions.error[at] + UNEXPLAINED)
+            at = at[0][is_own], at[1][is_own]
+            regions.label[at], regions.share[at] = label[is_own], share[is_own]
+            regions.error[at] = error[is_own]
+            paints.append(known[own])
 
 
 def _mixture(pixels: Floats, at: tuple[Ints, Ints], paint: Paint, ground: Paint) -> Floats:

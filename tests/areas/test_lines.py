@@ -237,3 +237,17 @@ def test_faint_lines_of_a_grid_are_drawn_as_they_are():
     result = find_areas(picture.astype(np.float32))
     drawn = over(result.areas, result.background, 128)
     assert np.abs(drawn - picture)[24:86, 24:116].max() < 0.05
+
+
+def test_a_faint_line_along_an_edge_is_drawn_as_it_is():
+    """A coast in grey is nearly a mixture of the two sides and of a much thinner black line."""
+    coast = ((-5, 40.3), (30, 45), (52.6, 80), (90, 71.2), (133, 98))
+    sea = Area((Outline((*coast, (133, 133), (-5, 133)), (False,) * 7),), (0.7, 0.85, 0.95))
+    rim = Area((Outline(coast, (False,) * 4, closed=False),), (0.53, 0.53, 0.53), width=1.2)
+    route = Area((line((60, 20), (110, 35)), line((70, 10), (75, 100))), (0, 0, 0), width=1.5)
+    picture = over([sea, rim, route], (0.93, 0.91, 0.83), 128)
+    result = find_areas(picture.astype(np.float32))
+    widths = [
+        area.width for area in result.areas if area.paint == pytest.approx(rim.paint, abs=0.03)
+    ]
+    assert widths == pytest.approx([rim.width], rel=0.1)
