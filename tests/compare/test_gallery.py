@@ -9,7 +9,7 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 import pytest
 from flat import build_gallery
-from galleries import Page, cells_expected, cells_of, save
+from galleries import BLANK, Page, cells_expected, cells_of, save
 from gallery_site import BAD, COUNTS, HOSTILE, SECRET, hastily
 from pictures import antialiased_badge
 from PIL import Image
@@ -20,7 +20,7 @@ from gauss2svg.compare import chart
 from gauss2svg.compare.pages import NUMBERS
 from gauss2svg.compare.records import COUNTS as COUNTS_OF_PARTS
 from gauss2svg.errors import on_one_line
-from gauss2svg.measure import SCORES
+from gauss2svg.measure import NONE, SCORES
 from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.pixels import over, pixels_of
@@ -85,11 +85,17 @@ def test_numbers_of_the_pages_are_those_of_the_data(gallery):
 
 
 def test_pages_count_what_a_drawing_is_made_of_and_its_outlines_have_all_nodes(tmp_path):
-    """An axis shows what areas bring; the variant with the default value is shown first."""
+    """An axis shows what areas bring; the variant with the default value is shown first.
+
+    Files of another method have no areas.
+    """
     drawing, site = save(antialiased_badge(64), tmp_path / "badge.png"), tmp_path / "site"
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "badge.svg").write_text(BLANK)
+    peers = [f"blank={tmp_path / 'files'}"]
     with hastily():
-        found = build_gallery([drawing], site, axes={"areas": ["never", "auto"]})
-    shapes_alone, row = found.rows
+        found = build_gallery([drawing], site, axes={"areas": ["never", "auto"]}, peers=peers)
+    shapes_alone, row, _ = found.rows
     assert row["psnr_svg"] > shapes_alone["psnr_svg"] + 3
     assert shapes_alone["area_count"] == shapes_alone["node_count"] == 0
     svg = (site / row["files"]["SVG"]).read_text()
@@ -101,6 +107,7 @@ def test_pages_count_what_a_drawing_is_made_of_and_its_outlines_have_all_nodes(t
     counts = [chart.whole(row[key]) for key in COUNTS_OF_PARTS if row[key]]
     page = Page(site / row["page"])
     assert page.rows[2][: 1 + len(counts)] == ["areas auto", *counts]
+    assert page.rows[3][: 1 + len(counts)] == ["blank", *[NONE] * len(counts)]
     assert ("value", "areas-auto") in next(a for t, a in page.parts if ("checked", None) in a)
     for name in ("index.html", "trade-off.html"):
         assert set(counts) <= set(Page(site / name).rows[2]), name
