@@ -112,7 +112,10 @@ def _local(values: Floats, noise: float, bleeding: float) -> Floats:
     )
     # Beside a contrast of 60 levels, noise has its full height.
     result[..., 0] = np.clip(noise / (60 * LEVEL) * luma, LEAST_NOISE, noise)
-    result[..., 1:] = np.maximum(bleeding * chroma, result[..., 0])[..., None]
+    # JPEG has blocks of up to 16 px. Where all is grey in them, colour differences have no noise.
+    near: Any = ndimage.maximum_filter(chroma, 25)
+    least = np.minimum(result[..., 0], np.maximum(near, LEAST_NOISE))
+    result[..., 1:] = np.maximum(bleeding * chroma, least)[..., None]
     return result
 
 

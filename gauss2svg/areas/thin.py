@@ -12,12 +12,23 @@ explains them.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.arrays import LEVEL, Box, Floats, Ints, dilated, parts_of, pixels_of, widened
+from gauss2svg.areas.arrays import (
+    LEVEL,
+    Bools,
+    Box,
+    Floats,
+    Ints,
+    dilated,
+    parts_of,
+    pixels_of,
+    widened,
+)
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.areas.regions import Regions, paint_numbers
 from gauss2svg.portable import dot, product
@@ -28,6 +39,7 @@ LEAST_HAIRLINE = 16  # px; length of a faint line
 FAINT = 0.0003  # the same, if a part has it evenly
 RIM = 2  # px around a part in which pixels are mixed of its colour and the ground
 SAME_COLOR = 6 * LEVEL  # largest difference of a part's colour from a paint that it takes
+SIMILAR = 0.2  # largest difference of a rim's first colour from paints that are tried for it
 MOST_PARTS = 1000  # because photos have thousands of parts
 MOST_COUNTED = 0.02  # largest squared error that counts for a pixel, because outliers do not decide
 PRICE = 1e-4  # squared error of a pixel by which a new colour must be better
@@ -188,54 +200,92 @@ def add_thin_regions(regions: Regions) -> None:
         if len(regions.paints) == before:
             break
     _add_parts(regions, palette, FAINT)
-    _add_hairlines(regions, palette)
+    _add_hairlines(regions)
+    _add_rims(regions, palette)
 
 
-def _add_hairlines(regions: Regions, palette: Palette) -> None:
-    """Give long lines that have little of each of their pixels the colour that these have.
+def _add_hairlines(regions: Regions) -> None:
+    """Give long faint lines on one ground the colour that their pixels have.
 
     They were explained as much thinner lines of a colour that is seen elsewhere. Faint lines are
-    more often a pixel wide, as those of grids and of maps.
+    more often a pixel wide, as those of grids.
     """
-    pixels, cores, paints = regions.pixels, regions.cores, regions.paints
-    order = np.argsort(-regions.share, axis=-1, kind="stable")
-    label, share = (np.take_along_axis(a, order, -1) for a in (regions.label, regions.share))
-    number = np.append(paint_numbers(paints), -1)[label]
-    (height, width), main = cores.shape, number[..., 0]
-    # Less than .06 is noise. Lines with .4 and more of their pixels are as wide as they seem.
-    is_faint = (share > 0.06) & (share < 0.4) & (cores < 0)[..., None]
-    around = np.pad(main, 2, constant_values=-1)
-    for y, x in itertools.product(range(5), repeat=2):
-        is_faint &= around[y : y + height, x : x + width, None] != number
-    faint = share.max(axis=-1, where=is_faint, initial=0)
-    part, boxes = parts_of(dilated(faint > 0))
-    is_even, known = inside_of(main, 3) >= 0, list(dict.fromkeys(paints))
-    for q, tight in enumerate(boxes, 1):
-        if max(side.stop - side.start for side in tight) < LEAST_HAIRLINE:
-            continue
-        at = pixels_of((part[tight] == q) & (faint[tight] > 0), tight)
-        grounds, is_on_one = np.unique(main[at]), is_even[at].mean() > 0.5
-        color = np.median(pixels[at][faint[at] >= np.percentile(faint[at], 75)], axis=0)
-        others = (k for k, p in enumerate(known) if k not in grounds and not p.is_shaded)
-        same = [k for k in others if _differences(color, known[k]) <= SAME_COLOR]
-        if not same:
-            same = [len(known)]
-            known.append(Paint(color))
-        own = min(same, key=lambda k: _differences(color, known[k]))
+    pixels, paints = regions.pixels, regions.paints
+    largest = regions.largest
+    flat = [paint for paint in dict.fromkeys(paints) if not paint.is_shaded]
+    main = paint_numbers(paints)[largest]
+    for box, part, faint in _faint_parts(regions, main, inside_of(main, 3) >= 0, np.s_[1:2]):
+        at = pixels_of(part & (faint > 0), box)
+        ground = paints[np.bincount(largest[at]).argmax()]
+        strength = ((pixels[at] - ground.at(*at[::-1])) ** 2).sum(axis=1)
+        color = np.median(pixels[at][strength >= np.percentile(strength, 75)], axis=0)
+        others = (paint for paint in flat if paint is not ground)
+        same = [paint for paint in others if _differences(color, paint) <= SAME_COLOR]
+        paint = min(same or [Paint(color)], key=lambda paint: _differences(color, paint))
+        at = pixels_of(part & (regions.cores[box] < 0), box)
+        mixture = _mixture(pixels, at, paint, ground)
+        is_own = mixture[1] < regions.error[at] + UNEXPLAINED
+        at = at[0][is_own], at[1][is_own]
+        _mix(regions, at, len(paints), largest[at], mixture[:, is_own])
+        paints.append(paint)
+
+
+def _add_rims(regions: Regions, palette: Palette) -> None:
+    """Give long faint lines between two grounds, as coasts of maps, the colour that explains them.
+
+    Here, a thinner line of another colour is another mixture.
+    """
+    pixels, paints = regions.pixels, regions.paints
+    main, known = paint_numbers(paints)[regions.largest], list(dict.fromkeys(paints))
+    for box, part, faint in _faint_parts(regions, main, inside_of(main, 3) < 0, np.s_[1:]):
+        inner, name = part & (faint > 0), len(paints)
+        strong = inner & (faint >= np.percentile(faint[inner], 75))
+        color = np.median(pixels[box][strong], axis=0)
+        far = [_differences(color, paint) > SIMILAR for paint in known]
         # Letters that the line meets stay whole.
-        near = widened(tight, 1, cores.shape)
-        is_other = ~np.isin(main[near], [*grounds, own])
-        at = pixels_of((part[near] == q) & (cores[near] < 0) & ~dilated(is_other), near)
-        label, share, error = palette.explain(
-            pixels, regions.labels, at, known[own].color, len(paints)
-        )
-        # Between two grounds, lines must explain much, because soft edges look like lines too.
-        if is_on_one or error.sum() < 0.5 * regions.error[at].sum():
-            is_own = (label == len(paints)).any(axis=1) & (error < regions.error[at] + UNEXPLAINED)
+        met = np.setdiff1d(np.flatnonzero(far), main[box][inner])
+        is_free = ~dilated(np.isin(main[box], met)) & (regions.cores[box] < 0)
+        at = pixels_of(part & is_free, box)
+        if np.count_nonzero(inner) < 0.5 * len(at[0]):
+            continue  # it is a soft edge
+        similar = [p for p, off in zip(known, far, strict=True) if not (off or p.is_shaded)]
+        tried = [
+            (paint, *palette.explain(pixels, regions.labels, at, paint.color, name))
+            for paint in [Paint(color), *similar]
+        ]
+        paint, label, share, error = min(tried, key=lambda one: one[3].sum())
+        if error.sum() < 0.5 * regions.error[at].sum():
+            is_own = (label == name).any(axis=1) & (error < regions.error[at] + UNEXPLAINED)
             at = at[0][is_own], at[1][is_own]
             regions.label[at], regions.share[at] = label[is_own], share[is_own]
             regions.error[at] = error[is_own]
-            paints.append(known[own])
+            paints.append(paint)
+
+
+def _faint_parts(
+    regions: Regions, main: Ints, where: Bools, slots: slice
+) -> Iterator[tuple[Box, Bools, Floats]]:
+    """Yield long parts of which each pixel has little of a paint that has most of none nearby.
+
+    Each is a box, which of its pixels are in the part, and the share (h, w) of this paint in them.
+
+    main   (h, w) number of the paint that has most of each pixel
+    where  (h, w) pixels that count
+    slots  of the paints of a pixel, by falling share
+    """
+    order = np.argsort(-regions.share, axis=-1, kind="stable")[..., slots]
+    label, share = (np.take_along_axis(a, order, -1) for a in (regions.label, regions.share))
+    numbers = np.append(paint_numbers(regions.paints), -1)[label]
+    # Less than .06 is noise. Lines with .4 and more of their pixels are as wide as they seem.
+    is_faint = (share > 0.06) & (share < 0.4) & (where & (regions.cores < 0))[..., None]
+    (height, width), around = main.shape, np.pad(main, 2, constant_values=-1)
+    for y, x in itertools.product(range(5), repeat=2):
+        is_faint &= around[y : y + height, x : x + width, None] != numbers
+    faint = share.max(axis=-1, where=is_faint, initial=0)
+    part, boxes = parts_of(dilated(faint > 0))
+    for q, box in enumerate(boxes, 1):
+        if max(side.stop - side.start for side in box) >= LEAST_HAIRLINE:
+            yield box, part[box] == q, faint[box]
 
 
 def _mixture(pixels: Floats, at: tuple[Ints, Ints], paint: Paint, ground: Paint) -> Floats:
