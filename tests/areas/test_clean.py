@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from test_find import DRAWINGS, color_of, drawn, points_of
 from test_texture import jpeg, pixels_of
 
-from gauss2svg.areas.clean import noise_of
+from gauss2svg.areas.clean import cleaned, noise_of
 
 
 def image_of(picture):
@@ -50,6 +50,18 @@ def test_a_jpeg_has_the_areas_of_the_clean_drawing(name, change):
     for area in areas:
         own = [np.abs(color_of(area) - color_of(other)).max() for other in found.areas]
         assert min(own) < 8 / 255
+
+
+def test_grey_lines_of_a_jpeg_stay_grey_far_from_colours():
+    """As a mixture of white and of a green core anywhere, they would be green."""
+    page = np.ones((160, 240, 3), np.float32)
+    page[30:130, 20:100] = (0.49, 0.68, 0.53)
+    for y in (20, 60, 100, 140):
+        page[y : y + 2, 130:] = 0.8
+    page[10:150, 220:222] = 0.25
+    picture = as_jpeg(page, 85)
+    far = cleaned(picture, 6 / 255)[:, 140:]
+    assert np.ptp(far, axis=2).max() < 5 / 255
 
 
 def test_an_enlarged_drawing_has_the_areas_of_its_source():
