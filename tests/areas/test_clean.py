@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from flat import vectorize
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 from test_find import DRAWINGS, color_of, drawn, points_of
 from test_texture import jpeg, pixels_of
 
-from gauss2svg.areas.clean import cleaned, noise_of
+from gauss2svg.areas.clean import cleaned, noise_of, without_shading
 
 
 def image_of(picture):
@@ -62,6 +63,18 @@ def test_grey_lines_of_a_jpeg_stay_grey_far_from_colours():
     picture = as_jpeg(page, 85)
     far = cleaned(picture, 6 / 255)[:, 140:]
     assert np.ptp(far, axis=2).max() < 5 / 255
+
+
+def test_a_dark_card_keeps_its_edge_above_its_shadow():
+    """Its edge is fainter than many shadows are."""
+    ground, card = np.array([(15, 23, 42), (28, 38, 56)]) / 255
+    inside = np.zeros((100, 140), bool)
+    inside[25:75, 30:110] = True
+    shadow = 0.4 * gaussian_filter(np.roll(inside, 12, axis=0).astype(float), 5)
+    picture = np.where(inside[..., None], card, (1 - shadow[..., None]) * ground)
+    crisp = without_shading(picture.astype(np.float32))
+    for part, color in ((inside, card), (~inside, ground)):
+        assert np.abs(crisp[part] - color).max() < 2 / 255
 
 
 def test_an_enlarged_drawing_has_the_areas_of_its_source():
