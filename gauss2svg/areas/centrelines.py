@@ -22,6 +22,7 @@ from gauss2svg.areas.outlines import meeting_of
 
 BRIDGE = 4.0  # length in half widths of both sides up to which two junctions may be one crossing
 STEP = 0.6  # px between points across a junction
+SIDE = 6  # px along a line within which it becomes wider
 ACROSS = 0.25  # px between places across a line
 
 End = tuple[int, int]  # index of a branch, and 0 for its first point or 1 for its last one
@@ -79,6 +80,7 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
         int(k): Junction(np.array(place)[None, ::-1] + 0.5, float(radius))
         for k, place, radius in zip(index, places, radii, strict=True)
     }
+    _split_at_steps(branches, ends, junctions, half, share)
     kept = list[tuple[Floats, list[int]]]()
     for branch, at in zip(branches, ends, strict=True):
         if _is_spur(branch, at, junctions, half):
@@ -100,8 +102,8 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
     link: dict[End, End] = {}
     for group in meeting.values():
         for turn, p, q in _turns(itertools.combinations(group, 2), rays):
-            # Two ends are always one line.
-            if (turn < 2.2 or len(group) == 2) and p not in link and q not in link:
+            # Two ends are one line, unless one is twice as wide.
+            if turn < (6 if len(group) == 2 else 2.2) and p not in link and q not in link:
                 link[p], link[q] = q, p
     return _walked(branches, ends, bridges, junctions, rays, link, share)
 
@@ -149,6 +151,32 @@ def _branches_of(skeleton: Bools) -> tuple[list[Floats], list[list[int]], Ints]:
             branches.append(np.array(branch)[:, ::-1] + 0.5)
             ends.append([int(junction[branch[k]]) for k in (0, -1)])
     return branches, ends, junction
+
+
+def _split_at_steps(
+    branches: list[Floats], ends: list[list[int]], junctions: dict[int, Junction], half: Floats,
+    share: Floats,
+) -> None:  # fmt: skip
+    """Split branches where a line becomes over twice as wide, as a stem at the beam of notes.
+
+    branches, ends, junctions  are changed
+    """
+    i = 0
+    while i < len(branches):
+        branch = branches[i]
+        if len(branch) > 2 * SIDE + 1:
+            width = ndimage.median_filter(_widths_along(branch, share, False), 3)
+            step = np.abs(portable.log(width[SIDE:] / width[:-SIDE]))
+            at = int(step[3:-3].argmax()) + 3  # away from junctions
+            if step[at] > portable.log(2.2):
+                at += SIDE // 2
+                k, (x, y) = max(junctions, default=0) + 1, branch[at].astype(int)
+                junctions[k] = Junction(branch[[at]], float(half[y, x]))
+                branches += [branch[at:]]
+                ends += [[k, ends[i][1]]]
+                branches[i], ends[i] = branch[: at + 1], [ends[i][0], k]
+                continue
+        i += 1
 
 
 def _profile(points: Floats, share: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:

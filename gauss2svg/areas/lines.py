@@ -29,6 +29,7 @@ from gauss2svg.areas.thin import MOST_PARTS, PURE, SAME_COLOR, inside_of
 
 WIDE = 3.2  # px; a disc of this radius fits into a wide part only where lines cross
 WIDEST = 5.6  # px; the largest width of a line
+MOST_OFF = 0.1  # px^2 by which a stroke may be off for each px of its length
 SEEN = 0.12  # least share of a pixel in a part
 LEAST_SHARE = 4.0  # px^2 of a part
 EVEN = 3 * LEVEL  # largest difference of pixels of one colour
@@ -85,8 +86,9 @@ def take_lines(
         if not part.is_wide and (taken[part.box][own] == name).any():
             continue
         poll()
-        strokes = _chosen(regions.pixels, part, regions.paints[name], weight_at, unit, rate)
+        part, strokes = _chosen(regions.pixels, part, regions.paints[name], weight_at, unit, rate)
         if strokes:
+            own = part.share > 0.5
             lines += [Line(name, *stroke) for stroke in strokes]
             gone.append(part)
             taken[part.box][own] = name
@@ -171,20 +173,23 @@ def _thick(share: Floats, radius: float) -> Bools:
 
 def _chosen(
     pixels: Floats, part: Part, paint: Paint, weight_at: Weights, unit: float, rate: float
-) -> list[tuple[Path, float]]:
-    """Return the strokes of a part, or none if its outlines are closer for their bytes."""
+) -> tuple[Part, list[tuple[Path, float]]]:
+    """Return what strokes draw of a part, and these strokes.
+
+    Outlines draw the rest, where strokes are far off, or all if they are closer for their bytes.
+    Then there are no strokes.
+    """
     strokes = strokes_of(part, weight_at, unit, rate)
+    if strokes:
+        part, strokes = _without_bad(part, strokes)
     if not strokes:
-        return []
+        return part, []
     values = pixels[part.box]
     around = dilated(part.share > SEEN, 2) & (part.share <= 0.02)
     ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
     contrast = float(((paint.color - ground) ** 2).sum())
-    widths = dict.fromkeys(width for _, width in strokes)
-    as_lines = [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
+    as_lines = _layers(strokes)
     length = sum(path.length for path, _ in strokes)
-    if _error(as_lines, part) > 0.5 * length:
-        return []
     contours = outlines.contours_of(part.share, part.box, pixels.shape)
     paths = [outlines.first_path(c, weight_at, unit, rate) for c in contours]
     as_areas = [Layer(0, paths)] if paths else []
@@ -209,12 +214,38 @@ def _chosen(
     noise = contrast * 0.008 * length  # antialiasing of few levels causes it
     cost = max(cost - noise, 0.0)
     if part.is_wide and cost > noise:
-        return []
+        return part, []
     # Outlines may be closer only because they follow the errors of antialiasing. Wide parts, such
     # as bars, are more often no lines.
     if cost >= (1.0 if part.is_wide else 2.0) * fitted_and_cost(as_areas, 10.0)[1]:
-        return []
-    return [(path, layer.width) for layer in lines for path in layer.paths]
+        return part, []
+    return part, [(path, layer.width) for layer in lines for path in layer.paths]
+
+
+def _layers(strokes: list[tuple[Path, float]]) -> list[Layer]:
+    """Return a layer for each width of strokes."""
+    widths = dict.fromkeys(width for _, width in strokes)
+    return [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
+
+
+def _without_bad(
+    part: Part, strokes: list[tuple[Path, float]]
+) -> tuple[Part, list[tuple[Path, float]]]:
+    """Return a part and its strokes without those that are far off, and without their pixels."""
+    h, w = part.share.shape
+    nearest, place = np.zeros((h, w), np.int32), np.zeros((h, w), bool)
+    for k, (path, _) in enumerate(strokes):
+        count = np.ceil(2 * outlines.lengths_of(path.segments)).astype(np.int64)
+        points = outlines.sampled(path.segments, path.curved, np.maximum(count, 1))
+        x, y = np.clip((points - part.corner).T, 0, np.array([[w - 1], [h - 1]])).astype(int)
+        nearest[y, x], place[y, x] = k, True
+    nearest = nearest[tuple(arrays.distance_to(place)[1])]
+    drawing = _drawing(_layers(strokes), part)
+    error = ((drawing.draw() - drawing.pixels) ** 2)[..., 0]
+    error = np.bincount(nearest.ravel(), error.ravel(), len(strokes))
+    good = error <= MOST_OFF * np.array([path.length for path, _ in strokes])
+    share = np.where(good[nearest], part.share, 0)
+    return part._replace(share=share), [strokes[k] for k in np.flatnonzero(good)]
 
 
 def strokes_of(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from test_find import disc, over
 
+from gauss2svg.areas.centrelines import chains_of
 from gauss2svg.areas.find import find_areas
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
@@ -247,3 +248,13 @@ def test_a_faint_line_along_an_edge_is_drawn_as_it_is():
     route = Area((line((60, 20), (110, 35)), line((70, 10), (75, 100))), (0, 0, 0), width=1.5)
     picture = over([sea, rim, route], (0.93, 0.91, 0.83), 128)
     assert find_areas(picture.astype(np.float32)).psnr > 45
+
+
+def test_a_line_ends_where_it_becomes_much_wider():
+    """Stems of notes are no ends of their beam, although they meet it at its corners."""
+    beam = Area((Outline(((30, 22), (92, 14), (92, 18), (30, 26)), (False,) * 4),), INK)
+    stems = Area(tuple(line((x, 20), (x, 100.4)) for x in (30.4, 91.6)), INK, width=0.8)
+    share = (1 - over([beam, stems], 1.0, 128)[..., 0]) / (1 - INK[0])
+    *thin, wide = sorted(chains_of(share > 0.25, share), key=lambda chain: chain.width)
+    assert wide.points[:, 1].max() < 27
+    assert [chain.width for chain in thin] == pytest.approx([0.8, 0.8], rel=0.1)
