@@ -113,7 +113,7 @@ class ByAreas:
         self._so_far: FoundAreas | None = None  # areas before the picture was drawn in inks
         self._inks = plan.sketch  # inks that all areas get, "" if they have any colours
         # A picture with more even cores is no drawing. A smaller one may have fewer of them.
-        most = min(800, max(working[..., 0].size // 100, 100))
+        most = min(3200, max(working[..., 0].size // 100, 100))
         self._most_cores = None if plan.prefers_areas else most
 
     def run(self) -> Outcome:
