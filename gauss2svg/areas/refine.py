@@ -447,7 +447,7 @@ class Ties(NamedTuple):
         return value.reshape(-1, 2)
 
 
-MOST_TURNED = 2.0  # px by which a handle may move to lie in the direction of a line
+MOST_TURNED = 2.0  # px by which a handle may move to lie in a direction, or to mirror another
 
 
 def tied(
@@ -483,7 +483,8 @@ def tied(
     leads &= ~both | (long_u >= long_v)
     master, follower = np.where(leads, [one, other], [other, one])
     ratio = np.where(leads, long_v / long_u, long_u / long_v)
-    ratio[both & (ratio >= 1 / 1.5) & (ratio <= 1.5)] = 1.0
+    alike = (ratio >= 1 / 1.5) & (ratio <= 1.5) & (np.abs(long_u - long_v) <= MOST_TURNED)
+    ratio[both & alike] = 1.0
     # Two handles turn to a common direction, the longer one less, because its curve would bulge.
     way = u / np.sqrt(long_u)[:, None] + v / np.sqrt(long_v)[:, None]
     way *= (np.where(leads, -long_u, long_v) / portable.hypot(*way.T))[:, None]

@@ -100,6 +100,16 @@ def test_ties_keep_smooth_joins_smooth_and_level_lines_level():
         assert abs(u[0] * v[1] - u[1] * v[0]) < 1e-9 * np.hypot(*u) * np.hypot(*v)
 
 
+@pytest.mark.parametrize(("size", "is_mirrored"), [(1, True), (20, False)])
+def test_handles_about_equally_long_mirror_each_other_unless_one_moves_far(size, is_mirrored):
+    points = size * np.array([(0, 3), (0, 1), (0, 0), (1, 0), (2.4, 0), (4, 1), (4, 3)])
+    outline = Outline(tuple(map(tuple, points)), (True, True), closed=False)
+    p = drawing_of(outline, CANVAS, 1.0, is_tied=True).current()[0].paths[0].segments
+    join = p[0, 3]
+    assert np.allclose(join - p[0, 2], p[1, 1] - join) == is_mirrored
+    assert is_mirrored or np.allclose(p, outline.segments)
+
+
 PICTURE = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 60 40">
 <path fill="#fff" d="M0 0h60v40H0z"/><path d="M10 10H{0}a8 8 0 0 1 0 16H10z"/></svg>"""
 
