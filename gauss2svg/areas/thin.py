@@ -245,9 +245,9 @@ def _add_rims(regions: Regions, palette: Palette) -> None:
         # Letters that the line meets stay whole.
         met = np.setdiff1d(np.flatnonzero(far), main[box][inner])
         is_free = ~dilated(np.isin(main[box], met)) & (regions.cores[box] < 0)
-        at = pixels_of(part & is_free, box)
-        if np.count_nonzero(inner) < 0.5 * len(at[0]):
-            continue  # it is a soft edge
+        at, own = pixels_of(part & is_free, box), np.count_nonzero(inner & is_free)
+        if own < 0.5 * len(at[0]) or own < 0.5 * np.count_nonzero(inner):
+            continue  # it is a soft edge, or a glow around letters
         similar = [p for p, off in zip(known, far, strict=True) if not (off or p.is_shaded)]
         tried = [
             (paint, *palette.explain(pixels, regions.labels, at, paint.color, name))

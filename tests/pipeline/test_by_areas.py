@@ -267,7 +267,7 @@ def test_a_target_is_met_by_areas_alone_if_they_can_and_by_gaussians_if_not(
 
 
 def test_a_target_that_is_missed_with_areas_is_met_by_shapes_alone():
-    report = vectorize(DRAWING, target_psnr=44).report
+    report = vectorize(DRAWING, target_psnr=46).report
     assert (report["stop_reason"], report["unreached"]) == ("target_psnr", [])
     assert report["area_count"] == 0
     kept = vectorize(DRAWING, target_psnr=60, areas="always").report
@@ -342,7 +342,7 @@ def test_a_glow_around_letters_is_drawn_by_gaussians():
     picture = np.round(255 * np.clip(glow + alpha * (1 - glow), 0, 1)) / 255
     result = vectorize(np.float32(picture))
     assert result.report["gaussians"] >= 8
-    assert result.report["area_count"] < 15
+    assert result.report["area_count"] < 20
 
 
 def test_cairo_draws_the_gradients_of_a_large_drawing():
