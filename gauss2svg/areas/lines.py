@@ -144,7 +144,8 @@ def parts_between(
     for q, tight in enumerate(boxes, 1):
         box = arrays.widened(tight, 3, share.shape)
         own = np.where(label[box] == q, thin[box], 0)
-        if own.sum() >= LEAST_SHARE:
+        # A sliver along a thick part is its rim.
+        if own.sum() >= LEAST_SHARE and own[dilated(thick[box], 2)].sum() < 0.6 * own.sum():
             parts.append(Part([*names], own, thick[box], box, is_wide))
     return parts
 
