@@ -89,6 +89,7 @@ class ByAreas:
         if self._noise:
             self._quality = clean.quality_of(working)
             working = clean.cleaned(working, self._noise)
+        self._is_shaded = is_shaded(working)  # areas that imitate glows make a picture flat
         # Whether the picture may have been reduced by a filter that overshoots
         is_known = not self._noise or self._quality is not None
         self._is_rung = is_known and not plan.sketch and ringing.is_rung(self._noisy)
@@ -322,7 +323,7 @@ class ByAreas:
             # Only fewer areas would go on from the drawing, which takes much memory.
             found = dataclasses.replace(first, drawing=None)
             trials[0] = dataclasses.replace(trials[0], found=found)
-        shaded = trials[0].shaded or is_shaded(self._subject.working)
+        shaded = trials[0].shaded or self._is_shaded
         if shaded and not has_start and not self._ends():
             few = FEWER * len(first.areas)
             found = self._found(self._areas(shaded=True), first, lambda one: len(one.areas) > few)
