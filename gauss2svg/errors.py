@@ -49,6 +49,11 @@ def nearest(word: str, names: Iterable[str]) -> str:
     return [*longer, *get_close_matches(word, names, 1, cutoff=0.75), ""][0]
 
 
+def several(count: int, noun: str) -> str:
+    """Return a number and what it counts, such as "1 shape" or "1,200 shapes"."""
+    return f"{count:,} {noun}{'s' * (count != 1)}"
+
+
 def of_file(name: str, message: str) -> str:
     """Return an error message after the name of the file, if the message lacks that name."""
     return message if name in message else f"{name}: {message}"

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
-from gauss2svg import files
+from gauss2svg import errors, files
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, on_one_line, quoted, refusal
 from gauss2svg.options import file_name
 from gauss2svg.photo import SUFFIXES
@@ -188,7 +188,7 @@ def passed_over(sources: Iterable[str]) -> str:
         if not path.lower().endswith(known) and STATE not in Path(path).parts
     ]  # fmt: skip
     endings = ", ".join(sorted({os.path.splitext(path)[1].lower() or "none" for path in paths}))
-    return f"{len(paths):,} file{'s' * (len(paths) != 1)} passed over: {endings}" * bool(paths)
+    return f"{errors.several(len(paths), 'file')} passed over: {endings}" * bool(paths)
 
 
 def _files(root: str) -> Iterator[str]:

@@ -196,6 +196,7 @@ class Batch:
         Names that differ only by case are the same, because they are one file on some disks.
         """
         photos: dict[str, Photo] = {}
+        clashes = list[str]()
         for path, name in photos_of(sources):
             output = name + (".svgz" if self.options.svg.gzip else ".svg")
             parts = PurePosixPath(output).parts
@@ -205,9 +206,12 @@ class Batch:
             # The path is made absolute, because workers may have another current folder.
             photo = path if is_url(path) else os.path.abspath(path), output
             if (other := photos.setdefault(output.casefold(), photo)) != photo:
-                got = f"{other[0]} and {path}, which would both write {output}"
-                advice = "the folder that contains both, or a run and a folder for each"
-                raise refusal("photos", "with outputs of their own", got, advice)
+                clashes.append(f"{other[0]} and {photo[0]}, which would both write {output}")
+        if clashes:
+            more = len(clashes) - 1
+            got = clashes[0] + f", and {errors.several(more, 'other pair')}" * bool(more)
+            advice = "renaming one, or a run with an output folder of its own for each"
+            raise refusal("photos", "with outputs of their own", got, advice)
         return [*photos.values()]
 
     def run(self, executor: Executor | None = None, quiet: bool = True) -> Generator[PhotoRecord]:
@@ -222,6 +226,7 @@ class Batch:
         table.writerow(PhotoRecord._fields)
         try:
             with counting(quiet) as update:
+                update("", 0, self.summary.count)
                 for record in self._records(executor):
                     row = record._replace(unreached="; ".join(record.unreached))
                     table.writerow(map(as_cell, row))

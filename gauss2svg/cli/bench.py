@@ -63,7 +63,7 @@ class Comparison(OptionGroup):
             if not (table := self.from_ / TABLE).is_file():
                 raise refusal("--from", "the output folder of gauss2svg batch", f"no {table}")
             peers.insert(0, f"batch={self.from_}")
-            photos = photos or [row["input"] for row in rows_of(table) if not row["error"]]
+            photos = photos or [row["input"] for _, row in rows_of(table) if not row["error"]]
         elif not photos:
             raise refusal("PHOTOS", "given", "none", f"gauss2svg {command} --help")
         axes = parse_axes(self.axis)

@@ -7,6 +7,7 @@ from gauss2svg.batch.inputs import local_photos
 from gauss2svg.batch.placeholders import PlaceholderList, PlaceholderOptions
 from gauss2svg.cli.parser import STATUS_SOME_FAILED
 from gauss2svg.cli.terminal import say
+from gauss2svg.errors import several
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically, write_output
 from gauss2svg.options import OptionGroup
 from gauss2svg.pipeline.progress_display import counting
@@ -52,6 +53,6 @@ def run(given: dict[str, Any]) -> int:
             write_output(entries.files()[output])
     if not command.quiet:
         where = "standard output" if output == STANDARD_STREAM else output
-        failed = f"{len(entries.failures)} failed"
-        say(f"{entries.count} placeholders in {where}, {entries.unchanged} unchanged; {failed}")
+        counts = f"{entries.unchanged} unchanged; {len(entries.failures)} failed"
+        say(f"{several(entries.count, 'placeholder')} in {where}, {counts}")
     return STATUS_SOME_FAILED if entries.failures else 0

@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from gauss2svg.errors import on_one_line
+from gauss2svg.errors import on_one_line, several
 from gauss2svg.measure import NONE, ON_REQUEST, SCORES, SPACE, TARGETS, decibels
 from gauss2svg.measure.roundtrip import HEAVY_MS
 from gauss2svg.pipeline.progress_display import columns
@@ -36,7 +36,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     if r["inks"] is not None:
         scale = "few inks are far in dB: judge by eye"
     counts = AreaCounts(r["area_count"], r["line_count"], r["node_count"])
-    shapes = f"{r['gaussians']:,} shapes"
+    shapes = several(r["gaussians"], "shape")
     if any(counts):
         shapes = f"{counts}, {shapes}" if r["gaussians"] else str(counts)
     rows = {

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from gauss2svg import files, processes
 from gauss2svg.cli.parser import run_options
 from gauss2svg.cli.terminal import Interruption, handling, say, status_of
-from gauss2svg.errors import InputError, brief, refusal
+from gauss2svg.errors import InputError, brief, refusal, several
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Goal, Options
@@ -171,7 +171,7 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
             print_summary(result.report, written_to)
         if interruption.signal is not None:
             steps = result.report["iterations"]
-            after = f" after {steps} steps of the fit" if steps else ""
+            after = f" after {several(steps, 'step')} of the fit" if steps else ""
             lines.append(f"interrupted{after}. The best picture so far is in {written_to}")
         for line in lines:
             say(line)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
+from gauss2svg.errors import several
 from gauss2svg.measure import NONE, PSNR, SPACE, Score
 
 
@@ -55,7 +56,7 @@ def _three_digits(value: float) -> str:
 
 def machine_text(machine: Mapping[str, Any]) -> str:
     """Return the description of a machine on one line."""
-    cores = f"{machine['cores']} core{'s' * (machine['cores'] != 1)}"
+    cores = several(machine["cores"], "core")
     return f"{machine['cpu']}, {cores}, {machine['platform']}"
 
 

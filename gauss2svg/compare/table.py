@@ -70,7 +70,8 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     images  number of photos
 
     The numbers of a row are means over the photos, except for peak_bytes, which is the maximum. If
-    a value of one photo is None, the mean is None. A PSNR that is infinite counts as None.
+    a value of one photo is None, the mean is None. The mean PSNR of each row leaves out the photos
+    of `exact_photos`.
 
     The entries below_*_dB say how many dB the mean PSNR of a setting is below a Pareto front. At
     this setting, the front is the best mean PSNR of those settings of gauss2svg that do not cost
@@ -78,7 +79,8 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     bytes, and for both costs together. The entries are None for other tools, and for a setting
     whose mean PSNR is None.
     """
-    summary = []
+    rows, summary = list(rows), []
+    exact = exact_photos(rows, images)
     keys = [key for _, key, *_ in _COLUMNS if not key.startswith(("below", "peak"))]
     for _, group in itertools.groupby(rows, operator.itemgetter("label")):
         records = list(group)
@@ -87,6 +89,8 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
         if len(records) < images or len(runs) < least:
             continue
         values: dict[str, list[Any]] = {name: [row.get(name) for row in runs] for name in keys}
+        others = [row for row in runs if row["image"] not in exact]
+        values["psnr_svg"] = [row.get("psnr_svg") for row in others] or [None]
         names = ("label", "tool", "tool_version", "settings")
         mean = {
             **{name: runs[0][name] for name in names},
@@ -96,12 +100,28 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
             **{f"below_{word}_dB": None for word in _BELOW},
         }
         summary.append(mean)
-    # The mean PSNR of a row is None if one of its SVGs is exact. Such a row cannot be compared, so
-    # it is left out.
+    # A row whose mean PSNR is infinite cannot be compared, so it is left out.
     own = [row for row in summary if row["tool"] == TOOL and row["psnr_svg"] is not None]
     for row in own:
         row |= {f"below_{word}_dB": below(row, own, PSNR, *costs) for word, costs in _BELOW.items()}
     return summary
+
+
+def exact_photos(rows: Iterable[Row], images: int) -> set[str]:
+    """Return the names of the photos that at least one setting draws exactly.
+
+    Return none if these are all photos, whose number is `images`.
+    """
+    names = {row["image"] for row in rows if is_exact(row)}
+    return names if len(names) < images else set()
+
+
+def is_exact(row: Row) -> bool:
+    """Return whether a record is of a measured file that equals its photo.
+
+    JSON has no infinity, so its PSNR is None.
+    """
+    return row.get("psnr_svg", 0) is None and bool(row.get("renderer"))
 
 
 def below(row: Row, rows: Iterable[Row], axis: Score, *costs: str) -> float:
@@ -242,17 +262,13 @@ def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
         "gauss2svg": __version__, "images": images, "peers_absent": absent,
         "summary": summary, "rows": rows,
     }  # fmt: skip
-    # JSON has no infinity, so the PSNR of a measured file that equals its photo is None there.
-    exact = {"psnr_svg": "inf"}
-    cells = [
-        row | (exact if row.get("psnr_svg", 0) is None and row.get("renderer") else {})
-        for row in rows
-    ]
+    cells = [row | ({"psnr_svg": "inf"} if is_exact(row) else {}) for row in rows]
     template = template_environment().overlay(autoescape=False).get_template("summary.md.jinja")
     enlarged = any(row["psnr_svg_enlarged"] is not None for row in summary)
     text = template.render(
         **document,
         machines=dict.fromkeys(machine_text(row["machine"]) for row in rows),
+        left_out=sorted(exact_photos(rows, len(images))),
         columns=[column for column in _COLUMNS if enlarged or column[1] != "psnr_svg_enlarged"],
         tolerance=0.1,  # dB below the Pareto front up to which a setting counts as being on it
         exact={row["label"] for row in cells if row.get("psnr_svg") == "inf"},

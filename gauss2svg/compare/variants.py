@@ -31,15 +31,20 @@ from gauss2svg.pipeline.plan import PRESETS, Plan
 from gauss2svg.version import __version__
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a CSV, with the text of each cell. Raise InputError if it cannot be read.
+def rows_of(path: Path) -> list[tuple[int, dict[str, str]]]:
+    """Return the line number and the text of each cell of each row of a CSV.
+
+    Raise InputError if it cannot be read.
 
     A cell that a row lacks is "". A cell without a column is left out.
     """
     with reading(path, "a CSV file") as file:
         text = text_of(file.read(), str(path))
     rows = csv.DictReader(io.StringIO(text))
-    return [{k: text_of_cell(v or "") for k, v in row.items() if k is not None} for row in rows]
+    return [
+        (rows.line_num, {k: text_of_cell(v or "") for k, v in row.items() if k is not None})
+        for row in rows
+    ]
 
 
 def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, dict[str, Any]]:
@@ -62,28 +67,29 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
     tables = [folder] if is_table else [folder / "table.csv", folder / TABLE]
     rows = [row for path in tables if path.is_file() for row in rows_of(path)]
     columns = {*COSTS, *COUNTS, *(FILE_KEYS if is_table else ())} - {"renderer"}
-    first = rows[0] if rows else {}
+    first = rows[0][1] if rows else {}
     is_named = len(rows) == 1 or {"photo", "input"} & first.keys()
     if is_table and not (is_named and columns & first.keys()):
         needed = "a CSV with columns of a report, and the column photo if there are several rows"
         raise refusal(files, needed, brief(", ".join(first)) or "no row", "photo,psnr_svg")
-    by_name: dict[str, dict[str, str]] = {}
-    for row in rows:
+    by_name: dict[str, tuple[int, dict[str, str]]] = {}
+    for line, row in rows:
         name = row.get("photo") or row.get("input") or ""
-        by_name |= {Path(name).stem: row, name: row}
+        by_name |= dict.fromkeys([Path(name).stem, name], (line, row))
     pictures = {
         path.stem: path
         for path in sorted([] if is_table else folder.iterdir())
         if path.name.lower().endswith((*SUFFIXES, *SVG_ENDINGS))
     }
-    means = by_name.get("", {}) if len(rows) == 1 else {}
+    means = by_name.get("", (0, {})) if len(rows) == 1 else (0, {})
     entries = {}
     for photo in photos:
         stem = Path(photo.path).stem
-        row = by_name.get(photo.path) or by_name.get(stem) or means
+        line, row = by_name.get(photo.path) or by_name.get(stem) or means
         path = folder / row["output"] if row.get("output") else pictures.get(stem)
         data = path.read_bytes() if path and path.is_file() else None
-        numbers = {k: _number(k, files, v) for k, v in row.items() if k in columns and v}
+        place = f"line {line} of {files}"
+        numbers = {k: _number(k, place, v) for k, v in row.items() if k in columns and v}
         entries[photo] = {
             "file": "" if is_table and numbers else data and str(path),
             "digest": data and hashlib.sha256(data).hexdigest(),
@@ -92,12 +98,12 @@ def entries_of(files: str, photos: Sequence[ListedPhoto]) -> dict[ListedPhoto, d
     return entries
 
 
-def _number(column: str, file: str, cell: str) -> float:
+def _number(column: str, place: str, cell: str) -> float:
     try:
         return int(cell) if cell.isdecimal() else float(cell)
     except ValueError as error:
         needed = "a number with a point, or empty"
-        raise refusal(f"{column} in {file}", needed, quoted(cell)) from error
+        raise refusal(f"{column} in {place}", needed, quoted(cell)) from error
 
 
 Settings = tuple[tuple[str, Any], ...]  # (name, value) of each setting, sorted by name
@@ -163,7 +169,7 @@ def peer_variants(texts: Iterable[str], most: int | None = None) -> tuple[list[V
         if equals_sign:
             is_taken = label in {TOOL, *PEERS, *PRESETS, *(one.tool for one in chosen)}
             is_word = re.fullmatch(r"\w[\w.-]*", label)
-            if is_taken or not is_word or not Path(files).exists():
+            if is_taken or not is_word or not files or not Path(files).exists():
                 needed = "a word that no preset and no other peer has, and a path that exists"
                 raise refusal("a peer with =", needed, quoted(text), " or ".join(by_path))
             chosen[Variant((), label, "", files)] = None
@@ -284,6 +290,6 @@ def sequence(name: str, values: Any) -> list[Any]:
 def _axis(name: str) -> Field:
     """Return the Field of an option. Raise InputError for any other name."""
     if name not in AXES:
-        advice = nearest(name, AXES) or "quality"
+        advice = nearest(name, AXES)
         raise refusal("axis", f"an option: one of {', '.join(AXES)}", quoted(name), advice)
     return AXES[name]

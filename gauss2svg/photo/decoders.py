@@ -86,6 +86,8 @@ class StoredImage:
 def opened_by_libvips(file: bytes, loader: str) -> StoredImage:
     """Read the header of a file by a loader of libvips."""
     tags = _tiff_tags(file) if loader == "tiffload" else {}
+    if tags.get(Base.PhotometricInterpretation) == 8:  # CIELAB, which this loader cannot decode
+        return opened_by_pillow(file, "Tiff")
     if tags.get(Base.NewSubfileType) == 1 or Base.DNGVersion in tags:
         raise ValueError("it is a camera's raw file, or begins with a preview")
     # If a tile is broken, libtiff only warns. Warnings about other TIFFs are about harmless tags.
@@ -128,8 +130,12 @@ def opened_by_libvips(file: bytes, loader: str) -> StoredImage:
     stored = StoredImage(header.width, header.height, colors, alpha, picture, reduced)
     # If a file has no resolution, libvips reports one of its own.
     has_resolution = "resolution-unit" in fields and header.xres != 1
-    if loader == "pngload" and (place := file.find(b"pHYs", 0, file.find(b"IDAT"))) > 0:
-        has_resolution = file[place + 12 : place + 13] == b"\1"  # the unit: px per metre
+    if loader == "pngload":
+        head = file[: file.find(b"IDAT")]
+        if (place := head.find(b"pHYs")) > 0:
+            has_resolution = head[place + 12 : place + 13] == b"\1"  # the unit: px per metre
+        if (place := head.find(b"acTL")) > 0:
+            fields["n-pages"] = int.from_bytes(head[place + 4 : place + 8])
     if has_resolution:
         stored.dpi = header.xres * 25.4, header.yres * 25.4
     stored.orientation = fields.get("orientation", 1)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.texture import may_have_areas
-from gauss2svg.errors import quoted, refusal
+from gauss2svg.errors import quoted, refusal, several
 from gauss2svg.options import Field, byte_size
 from gauss2svg.photo.load import ImageSource
 from gauss2svg.photo.pixels import Size, averaged, elongation, has_alpha, pixels_of, shrunk
@@ -97,7 +97,8 @@ class Placeholder:
         return html_image(self.svg.encode(), _MEDIA_TYPE, "placeholder")
 
     def __repr__(self) -> str:
-        shapes = f"{self.areas} areas, " * bool(self.areas) + f"{self.gaussians} Gaussians"
+        areas = f"{several(self.areas, 'area')}, " * bool(self.areas)
+        shapes = areas + several(self.gaussians, "Gaussian")
         size = f"{self.width}x{self.height}"
         return f"<gauss2svg.Placeholder {size}, {shapes}, {len(self.svg.encode())} bytes>"
 

@@ -29,6 +29,7 @@ from gauss2svg.areas.arrays import dilated, distance_to, widened
 from gauss2svg.areas.find import RATE, UNIT
 from gauss2svg.areas.lines import Part, parts_between, strokes_of
 from gauss2svg.areas.outlines import Path, lengths_of, sampled
+from gauss2svg.errors import several
 from gauss2svg.render import render
 from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import Area, Scene
@@ -87,7 +88,7 @@ class Plot(NamedTuple):
         # The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
         minutes = (drawn / 50 + travel / 151 + 0.25 * self.lifts) / 60
         return (
-            f"{drawn / 1000:.1f} m in {self.lifts:,} stroke{'s' * (self.lifts != 1)}, "
+            f"{drawn / 1000:.1f} m in {several(self.lifts, 'stroke')}, "
             f"{travel / 1000:.1f} m with the pen up, in at least {math.ceil(minutes)} min"
         )
 
@@ -98,7 +99,7 @@ class Plot(NamedTuple):
         for at, (name, color, strokes) in enumerate(self.pens, start=1):
             data = (" ".join(number(v, 2) for v in stroke.ravel()) for stroke in strokes)
             paths = [Element("path", d="M" + numbers) for numbers in data]
-            label = f"{at} {name}: {len(paths)} stroke{'s' * (len(paths) != 1)}"
+            label = f"{at} {name}: {several(len(paths), 'stroke')}"
             layers.append(layer(label, paths, id=f"pen-{at}", stroke=color))
         root = {
             "fill": "none", "stroke-width": number(self.pen_width, 3),

@@ -13,13 +13,14 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from gauss2svg.errors import on_one_line
+from gauss2svg.errors import on_one_line, several
 from gauss2svg.fit import FitProgress
 from gauss2svg.pipeline.options import Progress, ProgressCallback
 
 if TYPE_CHECKING:
     from gauss2svg.scene import Scene
 
+LINE_EVERY_S = 60  # a run of one night prints only hundreds of lines
 _PHASES = {
     "read": "reading the photo",
     "areas": "finding areas",
@@ -51,19 +52,13 @@ def counting(quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
 
     quiet  whether to show nothing
     """
-    bar = _notebook_bar() if _is_in_notebook() else terminal_bar("reading the photos")
-    last_line_at = time.monotonic()
+    start = "reading the photos"
+    bar = _notebook_bar() if _is_in_notebook() else terminal_bar(start, prints_lines=True)
     with nullcontext() if quiet else bar as show:
 
         def update(now: str, done: int, total: int) -> None:
-            nonlocal last_line_at
-            text = f"{done:,} of {total:,}{f': {now}' if now else ''}"
             if show is not None:
-                show(text, done / max(total, 1))
-            elif not quiet and time.monotonic() - last_line_at >= 60:
-                # A run of one night writes only hundreds of lines.
-                last_line_at = time.monotonic()
-                print(f"gauss2svg: {on_one_line(text)}", file=sys.stderr)
+                show(f"{done:,} of {total:,}{f': {now}' if now else ''}", done / max(total, 1))
 
         yield update
 
@@ -75,13 +70,17 @@ def _is_in_notebook() -> bool:
 
 
 @contextmanager
-def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | None]:
+def terminal_bar(
+    text: str, prints_lines: bool = False
+) -> Iterator[Callable[[str, float | None], None] | None]:
     """Show a bar with a text, and yield a function update(text, share) that changes it.
 
-    share  share of the work that is done, 0..1, or None if it is unknown
-    Yield None if standard error is not a terminal.
+    share         share of the work that is done, 0..1, or None if it is unknown
+    prints_lines  whether to print the text every minute if standard error is not a terminal. If it
+                  is False, yield None then.
     """
-    if not getattr(sys.stderr, "isatty", bool)():  # it is None without a console
+    is_terminal = getattr(sys.stderr, "isatty", bool)()  # it is None without a console
+    if not (is_terminal or prints_lines):
         yield None
         return
     state, begun, ended = (text, 0.0), time.monotonic(), threading.Event()
@@ -92,10 +91,13 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
 
     def draw() -> None:
         (text, share), seconds = state, int(time.monotonic() - begun)
-        text = on_one_line(text)
-        width = max(0, min(24, columns() - len(text) - 7))
+        text = f"{seconds // 60}:{seconds % 60:02} {on_one_line(text)}"
+        if not is_terminal:
+            print(f"gauss2svg: {text}", file=sys.stderr)
+            return
+        width = max(0, min(24, columns() - len(text) - 2))
         bar = "\N{FULL BLOCK}" * round(width * share)
-        put(f"{bar:{width}} {seconds // 60}:{seconds % 60:02} {text}")
+        put(f"{bar:{width}} {text}")
 
     def put(line: str) -> None:
         # A wide character takes two columns.
@@ -103,10 +105,11 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
         print(f"\r{line:{free}.{free}}\r", end="", file=sys.stderr, flush=True)
 
     def redraw() -> None:
-        while not ended.is_set():
-            ended.wait(0.1)
+        while not ended.wait(0.1 if is_terminal else LINE_EVERY_S):
             draw()
-        put("")
+        if is_terminal:
+            draw()
+            put("")
 
     # A thread draws the bar, so that the time also moves while the program draws.
     thread = threading.Thread(target=redraw, daemon=True)
@@ -230,5 +233,5 @@ def _text_and_share(progress: Progress) -> tuple[str, float | None]:
 
 
 def _figures(now: FitProgress) -> str:
-    shapes = f"{now.gaussians} shapes" if now.gaussians or not now.areas else ""
+    shapes = several(now.gaussians, "shape") if now.gaussians or not now.areas else ""
     return ", ".join(filter(None, [now.areas, shapes, f"{now.psnr:.2f} dB"]))

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import several
 from gauss2svg.measure import NO_SCORES, SCORES, decibels
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import paint_ms, round_trip, shown_width
@@ -226,17 +227,21 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
              compilation is not included
     """
     goal, aim, limit, reason = plan.goal, plan.aim, plan.goal.time_limit, outcome.fitted.stop_reason
+    scene = outcome.file.scene
     if aim is not None and not aim.is_met_by(outcome.file.score):
         reported = reason not in (aim.of.option, "interrupted")
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
         if reason == "cap":
-            ended = f", stopped at {len(outcome.file.scene):,} shapes, the most for this picture"
+            ended = f", stopped at {several(len(scene), 'shape')}, the most for this picture"
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
         yield f"target of {target} not reached: {sign * outcome.file.score:.2f}{unit}{ended}"
-    if reason == "max_bytes" and not len(outcome.file.scene) and not outcome.file.scene.areas:
+    is_empty = not len(scene) and not scene.areas
+    if is_empty and reason == "max_bytes":
         none = f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none"
         yield f"{none}. Try a larger --max-bytes"
+    if is_empty and reason == "interrupted":
+        yield "interrupted before the first shape: the file has none"
     if limit is not None and seconds > 1.1 * limit + 0.1:
         yield f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a smaller --max-size"
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.pixels import Sprite, areas_of_sprite, sprite_of
-from gauss2svg.errors import InputError, instance, refusal, required
+from gauss2svg.errors import InputError, instance, refusal, required, several
 from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
 from gauss2svg.fit import FitOptions, FitResult
 from gauss2svg.measure import decibels
@@ -163,9 +163,9 @@ class Result:
 
     def __repr__(self) -> str:
         r = self.report
-        areas = f"{AreaCounts.of(self.scene.areas)}, " if self.scene.areas else ""
-        gaussians = f"{r['gaussians']} Gaussians, " if r["gaussians"] or not areas else ""
-        shapes = f"{r['width']}x{r['height']}, {areas}{gaussians}".removesuffix(", ")
+        counts = [str(AreaCounts.of(self.scene.areas))] * bool(self.scene.areas)
+        counts += [several(r["gaussians"], "Gaussian")] * (r["gaussians"] > 0 or not counts)
+        shapes = f"{r['width']}x{r['height']}, {', '.join(counts)}"
         closeness, size = decibels(r["psnr_svg"]), r["svg_bytes"]
         return f"<gauss2svg.Result {shapes}, {closeness}, {size} bytes>"
 
@@ -296,7 +296,7 @@ def _check_start(plan: Plan, start: Scene) -> None:
         advice = "--areas auto without --gaussians, --blend and --falloff"
         raise refusal("start", "a scene without areas", counts, advice)
     if plan.in_areas and not start.areas:
-        got = f"{len(start)} Gaussians"
+        got = several(len(start), "Gaussian")
         raise refusal("start", "a scene that has areas", got, "--areas auto")
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.errors import SceneError, brief, quoted
+from gauss2svg.errors import SceneError, brief, quoted, several
 
 Point = tuple[float, float]
 Color = tuple[float, float, float]
@@ -307,15 +307,11 @@ class AreaCounts(NamedTuple):
     def without_nodes(self) -> str:
         """Numbers of areas and lines as text, such as "12 areas and 1 line", or "" for none."""
         counts = (self.areas, "area"), (self.lines, "line")
-        return " and ".join(_several(*one) for one in counts if one[0])
+        return " and ".join(several(*one) for one in counts if one[0])
 
     def __str__(self) -> str:
         both = self.without_nodes
-        return f"{both} of {_several(self.nodes, 'node')}" if both else "no areas"
-
-
-def _several(count: int, word: str) -> str:
-    return f"{count:,} {word}{'s' * (count != 1)}"
+        return f"{both} of {several(self.nodes, 'node')}" if both else "no areas"
 
 
 def areas_to_json(areas: Iterable[Area]) -> str:

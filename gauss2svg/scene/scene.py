@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg import portable
-from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted, required
+from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted, required, several
 from gauss2svg.files import write_atomically
 from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
@@ -333,9 +333,9 @@ class Scene:
 
     def __repr__(self) -> str:
         blend = ", additive" * (self.blend == ADD) + ", transparent" * self.transparent
-        areas = f", {len(self.areas)} areas" if self.areas else ""
+        areas = f", {several(len(self.areas), 'area')}" if self.areas else ""
         size = f"{self.width:g}x{self.height:g}"
-        return f"<gauss2svg.Scene {size}{areas}, {len(self)} Gaussians{blend}>"
+        return f"<gauss2svg.Scene {size}{areas}, {several(len(self), 'Gaussian')}{blend}>"
 
     @property
     def covariance(self) -> NDArray[np.float64]:

@@ -71,6 +71,7 @@ from typing import Any
 import numpy as np
 
 from gauss2svg.core import Kernel
+from gauss2svg.errors import several
 from gauss2svg.scene import Scene, whitening_of
 from gauss2svg.scene.falloff import RADIUS, profile
 from gauss2svg.svg import Document, SvgFormat
@@ -120,7 +121,7 @@ def additive_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str
             # Between two phases, a rectangle inverts the channels whose sign changes. It is in no
             # layer of a phase, so that it stays visible if someone hides such a layer.
             groups.append(_cover(hex_color(np.where(inverts, 255, 0))))
-        label = f"Phase {index}: {len(discs)} Gaussians"
+        label = f"Phase {index}: {several(len(discs), 'Gaussian')}"
         groups.append(layer(label, discs, id=f"phase-{index}"))
         inverted = adds
     slope = np.where(inverted, -1, 1) * span

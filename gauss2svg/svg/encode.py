@@ -54,7 +54,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import instance, refusal, required
+from gauss2svg.errors import instance, refusal, required, several
 from gauss2svg.scene import ABOVE, ADD, BLURRED, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.falloff import (
@@ -128,7 +128,7 @@ def document_svg(
     if sides or document.is_responsive:
         svg[CANVAS] = " ".join(canvas)
     svg.update({"role": "img", **root})
-    counts = [areas] * bool(areas) + [f"{gaussians} Gaussians"] * (gaussians > 0 or not areas)
+    counts = [areas] * bool(areas) + [several(gaussians, "Gaussian")] * (gaussians > 0 or not areas)
     usual = f"{' and '.join(counts)}, fitted and written by gauss2svg {__version__}"
     is_drawing = areas and document.title == DEFAULT_TITLE
     title = "Vectorised drawing" if is_drawing else document.title
@@ -260,14 +260,15 @@ def _layered_svg(
             key = f"areas-{parts}" if parts > 1 else "areas"
             body.append(layer(label, paths[first:above], id=key, transform=transform))
             first = above
-        label, key = f"Round {index + 1}: {len(inside)} Gaussians", round_id(index)
+        count = several(len(inside), "Gaussian")
+        label, key = f"Round {index + 1}: {count}", round_id(index)
         if level != ABOVE:
-            label = f"Round {index + 1}, below {area}: {len(inside)} Gaussians"
+            label = f"Round {index + 1}, below {area}: {count}"
             body.append(layer(label, inside, id=f"below-{area}-{key}"))
         elif by_ink and inside:
             fill, bare = inside[0].attributes["fill"], [one.replace(fill=None) for one in inside]
             name = fill if len(fill) == 7 else "#" + "".join(2 * digit for digit in fill[1:])
-            label, key = f"Ink {name}: {len(inside)} ellipses", f"ink-{index + 1}"
+            label, key = f"Ink {name}: {several(len(inside), 'ellipse')}", f"ink-{index + 1}"
             body.append(layer(label, bare, fill=fill, id=key))
         elif inside:
             body.append(layer(label, inside, id=key))

@@ -120,6 +120,11 @@ class _State(NamedTuple):
         """Whether the element has a stroke."""
         return self.style["stroke"].lower() != "none"
 
+    def paint(self, name: str) -> str:
+        """Return the fill or the stroke, with the colour for which currentColor stands."""
+        value = self.style[name]
+        return self.style["color"] if value == "currentColor" else value
+
     def share(self, name: str) -> float:
         """Return fill-opacity or stroke-opacity."""
         return share_of(self.style.get(name, "1"), name)
@@ -207,7 +212,7 @@ class _Reader:
 
         A path of minimal markup may have several shapes.
         """
-        alpha, fill = state.opacity * state.share("fill-opacity"), state.style["fill"]
+        alpha, fill = state.opacity * state.share("fill-opacity"), state.paint("fill")
         data = attributes.get("d", "") if tag == "path" else ""
         key = reference_of(fill)
         # The path that is the background in minimal markup
@@ -260,8 +265,8 @@ class _Reader:
                 width, cap = paints.stroke_of(style, outlines, state.onto, self._onto)
             elif len(looks) > 1 and max(len(outline.points) for outline in outlines) < 3:
                 continue  # straight lines have no inside, but the fill that is the default
-            if (key := reference_of(style[look])) is None:
-                paint = color_of(style[look], look)
+            if (key := reference_of(state.paint(look))) is None:
+                paint = color_of(state.paint(look), look)
             else:
                 paint = self._gradient(key).paint(own, state.onto)
             alpha = opacity * state.share(f"{look}-opacity")
@@ -416,13 +421,9 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     """
     changes: dict[str, Any] = {}
     off = {"none", "normal", "inherit", "visible"}
-    if "color" in attributes:  # it comes first, because currentColor refers to it
-        attributes = {"color": attributes["color"], **attributes}
     for name, value in attributes.items():
-        if name in _INHERITED and value != "inherit":
-            style = changes.get("style", parent.style)
-            own = style["color"] if value == "currentColor" else value
-            changes["style"] = {**style, name: own}
+        if name in _INHERITED and (name, value) != ("color", "currentColor") and value != "inherit":
+            changes["style"] = {**changes.get("style", parent.style), name: value}
         elif name == "transform":
             changes["onto"] = parent.onto @ Affine.of_text(value)
         elif name == "opacity":

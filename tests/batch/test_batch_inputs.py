@@ -76,7 +76,7 @@ def test_photo_counts_once_and_links_are_photos_but_no_folders(folder, tmp_path)
     [
         ("empty -o out", "photos must be one or more; got none in empty. Try"),
         ("gone.txt -o out", "cannot read gone.txt: No such file or directory. Try"),
-        ("in in2 -o out", "a.png, which would both write a.svg. Try the folder that contains"),
+        ("in in2 -o out", "in2/a.png, which would both write a.svg. Try renaming one, or a run"),
         pytest.param(
             "in/*/../../x.png -o out", "output must be in the output folder and outside ",
             marks=pytest.mark.posix,  # Windows reads this as the name of a file
@@ -89,6 +89,8 @@ def test_photo_counts_once_and_links_are_photos_but_no_folders(folder, tmp_path)
         ("in -o out --options bad.toml", "cannot take the options of bad.toml: Invalid value"),
         ("in -o out --options table.toml", "options of table.toml: option must be one of quality,"),
         ("in/a.png upper/A.png -o out", "upper/A.png, which would both write A.svg. Try"),
+        ("in in2 upper/A.png -o out", "got in/a.png and in2/a.png, which would both write a.svg, "
+         "and 1 other pair. Try renaming one"),
         ("latin.txt -o out", "latin.txt must be a text in UTF-8; got another encoding at byte 12"),
         ("wide.txt -o out", "wide.txt must be a text in UTF-8; got null characters. Try saving it"),
     ],

@@ -81,6 +81,7 @@ def test_a_command_writes_its_files_and_says_what_it_did(command, picture, tmp_p
             {"paint_ms": 3000.0, "markup": "minimal"},
             "3.0 s to paint it; less with --markup editable",
         ),
+        ({"gaussians": 1}, "1 shape: set by --gaussians"),
         ({"stop_reason": "max_bytes"}, "20 shapes: the closest file within the size limit"),
         ({"psnr_svg": None}, "PSNR equal, SSIM"),
         ({"inks": "#000,#fff", "paper": "#eee"}, "#000,#fff on paper of #eee"),
@@ -152,6 +153,7 @@ MISTAKES = [
      "got 'jpeg:31'"),
     ("bench PHOTO -o FOLDER/x --peers draft=.", "and a path that exists; got 'draft=.'. "
      "Try LABEL=FOLDER or LABEL=NUMBERS.csv"),
+    ("gallery PHOTO -o FOLDER/x --peers a=", "and a path that exists; got 'a='. Try"),
     ("gallery PHOTO -o FOLDER/x --peers a=PHOTO", "peer a must be a folder; got"),
     ("bench -o FOLDER/x --from FOLDER", "--from must be the output folder of gauss2svg batch; got"),
     ("gallery PHOTO -o PHOTO/x", "output must be outside of the inputs"),

@@ -112,5 +112,34 @@ def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_pa
     assert five["below_seconds_dB"] == pytest.approx(math.log2(8 / 6))
     assert five["below_both_dB"] == 0  # for it is smaller
     assert [row["settings"] for row in summarise(rows[:3], 2)] == [{"gaussians": 5}]
-    rows[2]["psnr_svg"] = None  # of a picture that is exact
-    assert [row["below_seconds_dB"] for row in summarise(rows, 2)] == [0, None]
+
+
+def test_a_picture_that_a_setting_draws_exactly_counts_in_no_mean_of_psnr(
+    photo, tmp_path, requests
+):
+    paths = [save(photo[: 20 + at, :20], tmp_path / f"{at}.png") for at in range(3)]
+    rows = run_bench(paths, tmp_path / "own", axes={"gaussians": [5, 7]})
+    five, seven = [row["psnr_svg"] for row in summarise(rows, 3)]
+    rows[3]["psnr_svg"] = None  # it is exact, and the others have their PSNR
+    rows[0]["psnr_svg"] = 99
+    means = summarise(rows, 3)
+    assert [row["psnr_svg"] for row in means] == pytest.approx([five, seven])
+    assert [row["below_both_dB"] for row in means] == [0, 0]
+    assert [row["images"] for row in means] == [3, 3]
+    for row in rows[4:]:  # of all pictures
+        row["psnr_svg"] = None
+    assert [row["below_both_dB"] for row in summarise(rows, 3)] == [0, None]
+
+
+def test_the_summary_names_pictures_that_are_exact(photo, tmp_path, requests, monkeypatch):
+    paths = [save(photo[: 20 + at, :20], tmp_path / f"{at}.png") for at in range(2)]
+    answer = table.measure_run
+
+    def exact_once(request):
+        return answer(request) | ({"psnr_svg": None} if len(requests) == 1 else {})
+
+    monkeypatch.setattr(table, "measure_run", exact_once)
+    run_bench(paths, tmp_path / "out", axes={"gaussians": [7]})
+    text = (tmp_path / "out" / "summary.md").read_text()
+    assert "PSNR leaves out 1 that a setting draws exactly: 0.png." in text
+    assert "| **gaussians 7** | 23.00 |" in text

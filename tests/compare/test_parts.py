@@ -51,7 +51,8 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
 @pytest.mark.parametrize(
     ("axes", "line"),
     [
-        (["speed"], "axis must be an option: one of quality, gaussians"),
+        (["colour"], "axis must be an option: one of quality, .*max_size; got 'colour'$"),
+        (["gausians=3"], ".*got 'gausians'. Try gaussians$"),
         (["inks=6,griin"], "axis inks must be .*Try 6, or"),
         ({"loss": ["l3"]}, "axis loss must be one of weighted, mse"),
         (["form=gradient,blur", "renderer=chromium,cairo"], ".*for form blur; got 'cairo'"),

@@ -88,7 +88,7 @@ def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal
         ("photo,psnr\na.png,30\n", "must be a CSV with columns of a report, and the column photo"),
         ("photo;psnr_svg\na;31,5\n", "if there are several rows; got photo;psnr_svg. Try photo,"),
         ("method,psnr_svg\nA,30\nB,31\n", "if there are several rows; got method, psnr_svg."),
-        ('psnr_svg\n"31,5"\n', "psnr_svg in bad.csv must be a number with a point, or empty"),
+        ('psnr_svg\n"31,5"\n', "psnr_svg in line 2 of bad.csv must be a number with a point, or "),
     ):
         (tmp_path / "bad.csv").write_text(text)
         assert message in refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=bad.csv")
@@ -108,7 +108,7 @@ def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal
 
 def test_a_cost_that_is_no_number_is_refused(two_photos, tmp_path, refusal):
     (tmp_path / "table.csv").write_text('photo,total_s\na,"31,5"\n')
-    message = "total_s in . must be a number with a point, or empty; got '31,5'"
+    message = "total_s in line 2 of . must be a number with a point, or empty; got '31,5'"
     assert message in refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=.")
 
 

@@ -116,6 +116,7 @@ def test_folders_pipes_and_devices_are_refused_unread(tmp_path, refusal):
     os.mkfifo(pipe)
     places = {
         tmp_path / "no.jpg": "No such file", tmp_path: "Try gauss2svg batch",
+        "https://a.org/b.jpg": "or gauss2svg batch for URLs",
         pipe: "it is not a regular file", "/dev/zero": "it is not a regular file",
         "a\n\x1bred.jpg": r"cannot read a \x1bred.jpg: No such file",
         "bad\udcff.png": "cannot read bad\\udcff.png",

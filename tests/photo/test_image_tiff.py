@@ -59,3 +59,11 @@ def test_samples_are_those_that_were_stored(kind, type_name, layout):
         alpha = None if extra in (None, "unspecified") else values[:, :, -1]
         notes = (NAIVE,) if photometric == "separated" else ()
         assert_read(file, color, notes, 6 / levels, alpha)
+
+
+def test_cielab_is_read_as_the_colours_that_it_names():
+    """White, the red of sRGB, and a middle grey, by the white point D50."""
+    lab = np.int8([[[-1, 0, 0], [-118, 81, 70], [-119, 0, 0]]]).view(np.uint8)
+    color = np.array([[[1, 1, 1], [1, 0, 0], [0.5, 0.5, 0.5]]])
+    for order in "<>":
+        assert_read(tiff(lab, photometric="cielab", byteorder=order), color, (), 6 / 255)

@@ -3,6 +3,7 @@
 import base64
 import io
 import re
+import time
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scenes import random_areas, random_scene
 import gauss2svg
 from gauss2svg.fit import FitProgress
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline import progress_display
 from gauss2svg.pipeline.options import Progress
 from gauss2svg.pipeline.placeholder import Placeholder
 from gauss2svg.pipeline.progress_display import watched
@@ -64,6 +66,21 @@ def test_a_terminal_shows_how_long_a_run_will_take(monkeypatch):
     *_, drawn, _, cleared, _ = written.getvalue().split("\r")
     assert "fitting, round 2, 3 s left: 120 shapes, 27.12 dB" in drawn
     assert (len(drawn), cleared.strip()) == (79, "")
+
+
+def test_where_there_is_no_terminal_a_line_comes_from_time_to_time_while_a_task_runs(monkeypatch):
+    monkeypatch.setattr("sys.stderr", written := io.StringIO())
+    monkeypatch.setattr(progress_display, "LINE_EVERY_S", 0.01)
+    end = time.monotonic() + 30
+    with progress_display.counting() as update:
+        update("a.jpg", 1, 1200)
+        while written.getvalue().count("\n") < 3 and time.monotonic() < end:
+            time.sleep(0.01)
+    assert re.match("(gauss2svg: 0:[0-9]{2} 1 of 1,200: a.jpg\n){2}", written.getvalue())
+    with progress_display.counting(quiet=True):
+        time.sleep(0.05)
+        said = written.getvalue()
+    assert written.getvalue() == said
 
 
 @pytest.mark.process

@@ -56,6 +56,15 @@ def test_a_file_has_its_size_names_background_and_a_layer_for_each_round_that_dr
     assert [len(g) for g in layers] == np.bincount(SCENE.round_index).tolist()
 
 
+@pytest.mark.parametrize(("count", "text"), [(1, "1 Gaussian"), (1200, "1,200 Gaussians")])
+def test_a_file_counts_its_gaussians_in_words(count, text):
+    scene = random_scene(count).replace(opacity=np.ones(count), round_index=np.zeros(count, int))
+    root = parse(write_svg(scene))
+    assert root[1].text.startswith(f"{text}, fitted and written by")
+    assert [g.get(INKSCAPE + "label") for g in root.iter(SVG + "g")] == [f"Round 1: {text}"]
+    assert text in repr(scene)
+
+
 @pytest.mark.parametrize(
     ("size", "sides"),
     [

@@ -169,7 +169,7 @@ def group(label: str, body: str = CIRCLE) -> str:
 @pytest.mark.parametrize(
     ("body", "rounds"),
     [
-        (group("Round 2: 1 Gaussians") + group("Round 5: 2 Gaussians", 2 * CIRCLE), [1, 4, 4]),
+        (group("Round 2: 1 Gaussian") + group("Round 5: 2 Gaussians", 2 * CIRCLE), [1, 4, 4]),
         (f'<g id="round-3">{CIRCLE}</g><g id="round-0">{CIRCLE}</g>', [2, 3]),
         (f"<g>{CIRCLE}</g><g>{CIRCLE}<g>{CIRCLE}</g></g>{CIRCLE}", [0, 1, 1, 1]),
         (f'<g id="below-area-1-round-3">{CIRCLE}</g><g id="round-5">{CIRCLE}</g>', [2, 4]),
@@ -188,6 +188,7 @@ def test_rounds_are_those_of_labels_ids_or_order(body, rounds):
         ("", 'fill="currentColor" color="#0f0"'),
         ("", 'style="fill:currentColor;color:#0f0"'),
         ('fill="currentColor" color="#0f0"', ""),
+        ('fill="currentColor" color="red"', 'color="#0f0"'),
     ],
 )
 def test_current_color_is_the_color_of_the_element_in_any_order(root, look):
