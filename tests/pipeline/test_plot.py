@@ -131,6 +131,12 @@ def test_narrow_parts_are_drawn_along_their_middle_and_wide_ones_around(areas, l
     assert plot.lifts == lifts
 
 
+def test_short_lines_that_branch_off_are_drawn():
+    long = Area([polyline((14, 86), (86, 14))], BLACK, width=0.75)
+    shorts = [polyline((x, 100 - x), (x, 98.3 - x)) for x in (30, 50, 70)]
+    assert plot_of(of_areas(long, Area(shorts, BLACK, width=0.6))).lifts == 4
+
+
 def test_a_wedge_is_drawn_around():
     wedge = np.array([(50.0, 90.0), (48.7, 10.0), (51.3, 10.0)])
     plot = plot_of(of_areas(Area([polygon(*wedge)], BLACK)))
