@@ -217,8 +217,10 @@ def _is_spur(branch: Floats, at: list[int], junctions: dict[int, Junction], half
         return True
     if radius < 1 or len(branch) > 4.8 * radius:
         return False
-    x, y = branch[slice(len(branch) // 2, None) if at[0] else slice(len(branch) // 2)].astype(int).T
-    return bool(np.median(half[y, x]) <= 0.5 * radius + 0.25)
+    x, y = branch[:: 1 if at[0] else -1].astype(int).T
+    # Half the width falls to 0 at a border. A junction may be wider than the lines that meet there.
+    inner, outer = (np.median(part) for part in np.array_split(half[y, x], 2))
+    return bool(outer <= 0.5 * min(inner, radius) + 0.25)
 
 
 def _cleared(

@@ -1,8 +1,9 @@
 """A scene as the strokes of a pen plotter, in mm on paper.
 
-Lines are drawn along their centrelines and areas along their outlines, where no area above hides
-them. Tones are drawn by hatching: parallel lines in up to three directions, of which a place has
-more the darker it is. A drawing has tones only if they are asked for, a photo always.
+Lines are drawn along their centrelines. Areas are drawn along their outlines, where the picture
+has two colours beside them and no area above hides them. Tones are drawn by hatching: parallel
+lines in up to three directions, of which a place has more the darker it is. A drawing has tones
+only if they are asked for, a photo always.
 
     scene -> picture on the sheet, in cells of a third of the pen's width
         areas -> points along outlines that are seen    \
@@ -28,7 +29,7 @@ from gauss2svg import portable
 from gauss2svg.areas.arrays import dilated, distance_to, widened
 from gauss2svg.areas.find import RATE, UNIT
 from gauss2svg.areas.lines import Part, parts_between, strokes_of
-from gauss2svg.areas.outlines import Path, lengths_of, sampled
+from gauss2svg.areas.outlines import sampled
 from gauss2svg.errors import several
 from gauss2svg.render import render
 from gauss2svg.render.areas import coverage_of
@@ -42,6 +43,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 _WIDEST = 0.022  # width of the widest line, as a share of the picture's longer side
 _FINE = 3  # cells along a side of a px in which lines are found
+_ALIKE = 10 / 255  # largest difference of two colours that a drawing does not tell apart
 
 
 class Pen(NamedTuple):
@@ -50,6 +52,14 @@ class Pen(NamedTuple):
     name: str
     color: str
     strokes: list[Floats]
+
+
+class _Line(NamedTuple):
+    """A line with its colour, the points (n, 2) along its middle, and its width, in cells."""
+
+    color: Floats
+    points: Floats
+    width: float
 
 
 class Plot(NamedTuple):
@@ -137,15 +147,12 @@ def plotted(
     picture = np.clip(render(scene, columns, rows), 0, 1)
     colors, tones = _colors_and_tones(inks, paper, overprint)
     strokes: list[list[Floats]] = [[] for _ in tones.T]
-    lines, thin = _centrelines(scene)
-    down, across = np.arange(rows) * thin.shape[0], np.arange(columns) * thin.shape[1]
-    in_line = thin[(down // rows)[:, None], across // columns]
-    found = [
-        (color, np.clip(_simplified(_points_along(scale * line, size)), 0, size))
-        for color, line in lines
-    ]
+    lines, thin = _centrelines(scene, scale, size)
+    down, across = np.arange(rows) * thin.shape[1], np.arange(columns) * thin.shape[2]
+    in_part, in_line = thin[:, (down // rows)[:, None], across // columns]
+    found = [(line.color, _simplified(line.points)) for line in lines]
     areas = [area.scaled(scale, scale) for area in scene.areas]
-    found += _outlines(areas, in_line, pen_cells, 0.5 * scale)
+    found += _outlines(areas, picture, in_part, in_line, lines, pen_cells, 0.5 * scale)
     for k, (color, stroke) in enumerate(found):
         tone_of_pens = tones[int(_nearest(colors, color))]
         if not tone_of_pens.any() and k >= len(lines):
@@ -162,7 +169,7 @@ def plotted(
             tone = tone_of_colors[nearest]
             if inks is None:
                 tone = 1 - portable.product(picture, (0.2126, 0.7152, 0.0722))
-            tone = np.where(in_line, 0, tone)
+            tone = np.where(in_part, 0, tone)
             one += _hatching(tone, distance / cell, pen_cells, plotter.hatch_angle)
     corner = 0.5 * (np.array([width, height]) - sides)
     pens = [
@@ -213,85 +220,160 @@ def _nearest(colors: Floats, picture: NDArray[np.floating]) -> NDArray[np.intp]:
 
 
 def _outlines(
-    areas: Sequence[Area], in_line: Bools, pen: float, margin: float
-) -> Iterator[tuple[Floats, Floats]]:
+    areas: Sequence[Area], picture: NDArray[np.floating], in_part: Bools, in_line: Bools,
+    lines: list[_Line], pen: float, margin: float,
+) -> Iterator[tuple[Floats, Floats]]:  # fmt: skip
     """Yield the colour and the points (n, 2) of each part of outlines that is seen, in cells.
 
+    picture  (rows, columns, 3) what the areas draw. Outlines are seen where its colour changes
+    in_part  (rows, columns) whether a cell is in a part that has lines. Only long outlines are
+             drawn there, as those around a wide end of a line
     in_line  (rows, columns) whether a cell is in a line, which is drawn along its middle. Outlines
-             only cross lines
+             only cross lines, or lead to where lines end
     pen      width of a stroke in cells. What lies nearer than half of it to a stroke above is drawn
              already
     margin   outlines are left out at this distance from the edge, where the picture ends and not
              the area
     """
+    from scipy.spatial import KDTree  # imported here because it is slow to import
+
     size, covered = np.array(in_line.shape[::-1]), np.zeros_like(in_line)
+    ends = np.concatenate([line.points[[0, -1]] for line in lines] or [np.zeros((2, 2))])
+    reach = 1.5 * np.repeat([line.width for line in lines] or [0.0], 2)
+    tree, nib = KDTree(ends), np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
     for area in reversed(areas):
+        drawn = list[Floats]()
         for outline in area.outlines:
             points = _points_along(outline.segments, size)
             inside = ((points >= margin) & (points <= size - margin)).all(axis=1)
             column, row = np.clip(points, 0, size - 1).astype(int).T
+            longest = 2 * _WIDEST * size.max()
             lined = in_line[row, column]
-            hidden = _long_runs(lined, points, 2 * _WIDEST * size.max())
-            hidden |= covered[row, column] & ~lined
-            for stroke in _runs(points, inside & ~hidden, outline.closed):
+            apart = in_part[row, column] & ~lined
+            lined |= apart & ~_long_runs(apart, points, longest)
+            hidden = _long_runs(lined, points, longest)
+            unseen = ~_differs(picture, points, 0.5 * area.width + 2)
+            hidden |= (covered[row, column] | _long_runs(unseen, points, 2 * pen)) & ~lined
+            shown = inside & ~hidden
+            drawn.append(points[shown])
+            for stroke in _runs(points, shown, outline.closed):
                 if _length(stroke) > 2 * pen or len(stroke) >= len(points) - 1:  # others are dots
+                    away, nearest = tree.query(stroke[[0, -1]])
+                    is_near = (away <= reach[nearest]) & (stroke[0] != stroke[-1]).any()
+                    first, last = np.where(is_near[:, None], ends[nearest], stroke[[0, -1]])
+                    stroke = np.concatenate([[first], stroke, [last]])
                     yield np.array(_color(area)), _simplified(stroke)
-        _cover(covered, dataclasses.replace(area, width=pen, cap="round"), True)
+        nibs = np.concatenate(drawn)[:, None] + pen / 3 * nib
+        x, y = np.clip(nibs, 0, size - 1).astype(int).transpose(2, 0, 1)
+        covered[y, x] = True
         if area.opacity > 0.95:
             _cover(covered, area, True)
+
+
+def _differs(picture: NDArray[np.floating], points: Floats, reach: float) -> Bools:
+    """Return whether the picture has different colours at each of some points (n, 2) of a polyline.
+
+    It is compared with the colours at this distance in cells on both sides of the polyline.
+    """
+    way = np.gradient(points, axis=0)
+    across = way[:, ::-1] * [1, -1] / np.maximum(portable.hypot(*way.T), 1e-9)[:, None]
+    places = points + reach * across * np.array([-1, 0, 1])[:, None, None]
+    x, y = np.clip(places, 0, np.array(picture.shape[1::-1]) - 1).astype(int).transpose(2, 0, 1)
+    return np.ptp(picture[y, x], axis=0).max(axis=-1) > _ALIKE
 
 
 def _color(area: Area) -> tuple[float, ...]:
     return area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
 
 
-def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
-    """Return the lines of a scene, and where they are in a picture of it, (h, w).
+def _centrelines(scene: Scene, cells_per_px: float, size: Floats) -> tuple[list[_Line], Bools]:
+    """Return the lines of a scene, and two masks (2, h, w) of a picture of it.
 
-    The picture has 800 px along its longer side. A line is a colour and segments (k, 4, 2) in px of
-    the scene. Lines are the narrow parts of what is seen of a colour, whether areas or lines of the
-    scene draw it.
+    The masks say where parts that have lines are, and where their lines draw them.
+    The picture has 800 px along its longer side. Lines are the narrow parts of what is seen of a
+    colour, whether areas or lines of the scene draw it.
+    size  columns and rows of cells
     """
-    size = np.array([scene.width, scene.height])
-    scale, most = 800 / size.max(), 800 * _WIDEST
-    width, height = np.maximum(np.round(size * scale), 1).astype(int).tolist()
-    seen = np.full((_FINE * height, _FINE * width), -1, np.int32)  # colours
-    index: dict[tuple[float, ...], int] = {}
-    for area in scene.areas:
-        color = index.setdefault(_color(area), len(index))
+    sides = np.array([scene.width, scene.height])
+    scale, most = 800 / sides.max(), 800 * _WIDEST
+    width, height = np.maximum(np.round(sides * scale), 1).astype(int).tolist()
+    seen = np.zeros((_FINE * height, _FINE * width), np.int32)  # areas by their colours, from 1 on
+    colors = np.array([_color(area) for area in scene.areas])
+    for area, color in zip(scene.areas, colors, strict=True):
         if area.opacity > 0.5:
-            _cover(seen, area.scaled(_FINE * scale, _FINE * scale), color)
-    lines, thin = list[tuple[Floats, Floats]](), np.zeros((height, width), bool)
-    for (color, k), fine in zip(index.items(), find_objects(seen + 1, len(index)), strict=True):
+            is_alike = np.abs(colors - color).max(axis=1) <= _ALIKE
+            _cover(seen, area.scaled(_FINE * scale, _FINE * scale), int(is_alike.argmax()) + 1)
+    lines, thin = list[_Line](), np.zeros((2, height, width), bool)
+    for k, fine in enumerate(find_objects(seen), 1):
         if fine is None:
             continue
         down, across = (slice(side.start // _FINE, -(-side.stop // _FINE)) for side in fine)
-        top, left = widened((down, across), 4, thin.shape)
+        top, left = widened((down, across), 4, thin.shape[1:])
         corner = np.array([left.start, top.start])
         near = seen[_FINE * top.start : _FINE * top.stop, _FINE * left.start : _FINE * left.stop]
         cells = (near == k).reshape(top.stop - top.start, _FINE, left.stop - left.start, _FINE)
         share = cells.mean(axis=(1, 3))
         for part in parts_between(share, _wide(share > 0.5, 0.7 * most)):
-            strokes = strokes_of(part, lambda p: np.full(len(p), 0.003), UNIT, RATE, most)
-            length = sum(lengths_of(path.segments).sum() for path, _ in strokes)
-            # Shorter lines that leave a wide part are its corners.
-            if length > (3 * most if part.thick.any() else 0) and _is_even(part, strokes):
-                lines += [(np.array(color), (p.segments + corner) / scale) for p, _ in strokes]
-                thin[top, left][part.box] |= dilated(part.share > 0.5, 2)
+            found, drawn = _lines_of(part, most)
+            for segments, width_px in found:
+                moved = (segments + part.corner + corner) * cells_per_px / scale
+                points = np.clip(_points_along(moved, size), 0, size)
+                lines.append(_Line(colors[k - 1], points, width_px * cells_per_px / scale))
+            thin[:, top, left][(..., *part.box)] |= drawn
     return lines, thin
 
 
-def _is_even(part: Part, strokes: list[tuple[Path, float]]) -> bool:
-    """Return whether a part is about as wide along all of its strokes, unlike wedges and crescents.
+def _lines_of(part: Part, most: float) -> tuple[list[tuple[Floats, float]], Bools]:
+    """Return the segments (k, 4, 2) and widths of a part's lines, and two masks (2, h, w).
 
-    A fifth of the strokes may be wider, where they cross, and a fifth thinner.
+    The masks say where the part is, and where its lines draw it. There are no lines if the part is
+    not about as wide along all of them, unlike wedges and crescents, or is a corner of a wide part.
     """
-    depth = distance_to(~np.pad(part.share > 0.5, 1))[0][1:-1, 1:-1]
-    corner, size = np.array([part.box[1].start, part.box[0].start]), np.array(depth.shape[::-1])
-    points = np.concatenate([_points_along(path.segments - corner, size) for path, _ in strokes])
-    column, row = np.clip(points, 0, size - 1).astype(int).T
-    thin, wide = np.percentile(depth[row, column], [20, 80])
-    return bool(wide <= 2 * thin + 1)
+    strokes = strokes_of(part, lambda p: np.full(len(p), 0.003), UNIT, RATE, most)
+    solid = part.share > 0.5
+    drawn = np.zeros((2, *solid.shape), bool)
+    if not strokes:
+        return [], drawn
+    size = np.array(solid.shape[::-1])
+    segments = [path.segments - part.corner for path, _ in strokes]
+    lines = [_points_along(line, size) for line in segments]
+    column, row = np.clip(np.concatenate(lines), 0, size - 1).astype(int).T
+    depth = distance_to(~np.pad(solid, 1))[0][1:-1, 1:-1][row, column]
+    # A fifth of the lines may be wider, where they cross, and a fifth thinner.
+    thin, wide = np.percentile(depth, [20, 80])
+    if wide > 2 * thin + 1 or (part.thick.any() and sum(map(_length, lines)) <= 4 * most):
+        return [], drawn
+    widths = np.array([width for _, width in strokes])
+    reach = np.zeros(solid.shape)
+    reach[row, column] = np.repeat(widths, list(map(len, lines))) + 1
+    distance, (y, x) = distance_to(reach > 0)
+    drawn[0] = dilated(solid, 2)
+    drawn[1] = drawn[0] & (distance <= reach[y, x])
+    return list(zip(_connected(segments, lines, widths), widths, strict=True)), drawn
+
+
+def _connected(segments: list[Floats], lines: list[Floats], widths: Floats) -> list[Floats]:
+    """Return the segments of lines, with those that lead their ends to other lines they touch.
+
+    lines  points (n, 2) along each
+    """
+    from scipy.spatial import KDTree  # imported here because it is slow to import
+
+    points, width_at = np.concatenate(lines), np.repeat(widths, [*map(len, lines)])
+    # Places on different lines are far from each other along them.
+    at = np.concatenate([1e6 * k + _lengths(line) for k, line in enumerate(lines)])
+    tree, last, connected = KDTree(points), -1, list[Floats]()
+    for path, line, width in zip(segments, lines, widths, strict=True):
+        ways, first, last = list[Floats](), last + 1, last + len(line)
+        for end in (first, last):
+            near = np.array(tree.query_ball_point(points[end], 0.5 * (width + widths.max())), int)
+            away = portable.hypot(*(points[near] - points[end]).T)
+            is_beside = np.abs(at[near] - at[end]) <= 3 * width
+            away[is_beside | (away > 0.5 * (width + width_at[near]))] = np.inf
+            target = near[away.argmin()] if away.min() < np.inf else end
+            ways.append(np.linspace(points[end], points[target], 4)[None])
+        connected.append(np.concatenate([ways[0][:, ::-1], path, ways[1]]))
+    return connected
 
 
 def _wide(mask: Bools, radius: float) -> Bools:
@@ -422,4 +504,9 @@ def _in_order(strokes: Sequence[Floats]) -> list[Floats]:
 
 
 def _length(stroke: Floats) -> float:
-    return float(portable.hypot(*np.diff(stroke, axis=0).T).sum())
+    return float(_lengths(stroke)[-1])
+
+
+def _lengths(stroke: Floats) -> Floats:
+    """Return the length (n,) of a polyline up to each of its points."""
+    return np.cumsum(portable.hypot(*np.diff(stroke, axis=0, prepend=stroke[:1]).T))

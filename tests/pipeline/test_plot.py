@@ -1,6 +1,7 @@
 """Properties of the strokes of a pen plotter: where they are, and how much paper they cover."""
 
 import re
+from itertools import pairwise
 from xml.etree.ElementTree import fromstring as parse
 
 import numpy as np
@@ -95,7 +96,8 @@ def test_light_tones_are_hatched_in_the_direction_that_is_asked_for():
 
 
 def test_no_point_of_an_outline_is_hidden_and_a_common_edge_is_drawn_once():
-    lower, upper, beside = box(10, 10, 60, 60), box(40, 40, 90, 90, GREY), box(10, 60, 40, 90)
+    lower, upper = box(10, 10, 60, 60), box(40, 40, 90, 90, GREY)
+    beside = box(10, 60, 40, 90, (0.2, 0.0, 0.0))
     plot = plot_of(of_areas(lower, beside, upper))
     points = points_of(plot) - 0.3
     in_upper = ((points > 40.4) & (points < 89.6)).all(axis=1)
@@ -129,6 +131,43 @@ def test_narrow_parts_are_drawn_along_their_middle_and_wide_ones_around(areas, l
     plot = plot_of(of_areas(*areas))
     assert plot.drawn_mm == pytest.approx(length, abs=0.03 * length)
     assert plot.lifts == lifts
+
+
+def test_nearly_equal_colours_are_one_line_and_have_no_border():
+    almost = (0.03, 0.03, 0.03)
+    pieces = [box(10 * k, 49, 10 * k + 10, 51, (BLACK, almost)[k % 2]) for k in range(1, 9)]
+    [[stroke]] = [pen.strokes for pen in plot_of(of_areas(*pieces)).pens]
+    assert np.abs(stroke[:, 1] - 50.3).max() < 0.2
+    fills = of_areas(box(10, 10, 50, 90), box(40, 20, 90, 80, almost))
+    assert plot_of(fills).drawn_mm == pytest.approx(320, abs=3)
+
+
+def away(points, stroke):
+    """The least distance in mm of points to a stroke."""
+    dense = np.concatenate([np.linspace(*ends, 2000) for ends in pairwise(stroke)])
+    return np.hypot(*(points[:, None] - dense).transpose(2, 0, 1)).min()
+
+
+@pytest.mark.parametrize("angle_deg", [15, 25, 30])
+def test_strokes_of_lines_that_touch_meet(angle_deg):
+    end = 50 - 40 * np.array([np.sin(np.radians(angle_deg)), np.cos(np.radians(angle_deg))])
+    lines = [polyline((50, 10), (50, 90)), polyline((50, 50), end)]
+    plot = plot_of(of_areas(*(Area([one], BLACK, width=1.5) for one in lines)))
+    one, other = plot.pens[0].strokes
+    assert min(away(one[[0, -1]], other), away(other[[0, -1]], one)) < 0.1
+
+
+def test_an_outline_leads_to_the_line_that_leaves_its_area():
+    flare = [(50, 27.8), (53, 29.5), (95, 29.5), (95, 30.5), (53, 30.5), (50, 32.2)]
+    shape = Area([polygon((10, 10), (50, 10), *flare, (50, 50), (10, 50))], BLACK)
+    line, outline = sorted(plot_of(of_areas(shape)).pens[0].strokes, key=len)
+    assert max(away(end[None], line) for end in outline[[0, -1]]) < 0.1
+
+
+def test_short_lines_that_branch_off_are_drawn():
+    long = Area([polyline((14, 86), (86, 14))], BLACK, width=0.75)
+    shorts = [polyline((x, 100 - x), (x, 98.3 - x)) for x in (30, 50, 70)]
+    assert plot_of(of_areas(long, Area(shorts, BLACK, width=0.6))).lifts == 4
 
 
 def test_a_wedge_is_drawn_around():
