@@ -162,7 +162,8 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
         area = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
         if len(points) >= 4 and abs(area) >= 1:  # smaller ones are noise
             contours.append(points)
-    for dot in _dots_of(share):
+    # A dot may be a hole, which its outline runs round the other way.
+    for dot in [*_dots_of(share), *(hole[::-1] for hole in _dots_of(1 - share))]:
         dot = dot + np.array([box[1].start, box[0].start])
         if not any(np.abs(c.mean(axis=0) - dot.mean(axis=0)).max() < 1 for c in contours):
             contours.append(dot)
@@ -230,8 +231,9 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
 def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
     """Return the first curves through a closed contour (n, 2)."""
     points = resampled(points, 0.5)
-    # No pixel of a dot may have its colour, so pixels do not tell its contrast.
-    if len(points) <= 8:
+    # No pixel of a dot may have its colour, and both sides of a minus sign have one, so pixels do
+    # not tell their contrast.
+    if len(points) <= 12:
         weight_at = lambda points: np.ones(len(points))  # noqa: E731
     points, corners = with_corners(points, turns_of(points, np.radians(35)))
     return fitted_path(points, corners, weight_at, unit, rate, True)

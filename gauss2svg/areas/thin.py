@@ -352,9 +352,11 @@ def _paint_of_part(
         error = palette.explain(pixels, regions.labels, at, color, len(paints))[2]
         return float(np.minimum(error, MOST_COUNTED).sum())
 
-    # The pixels that are explained worst may have the pure colour.
+    # The pixels that are explained worst may have the pure colour. Where lines of several colours
+    # meet, the colour that most pixels have may explain more of them.
     shares = (values[:n] for n in (1, max(3, count // 20), max(3, count // 8)))
-    colors = [np.median(some, axis=0) for some in shares]
+    _, first, counts = np.unique(np.round(values * 32), True, False, True, axis=0)
+    colors = [*(np.median(some, axis=0) for some in shares), values[first[counts.argmax()]]]
     known = list(dict.fromkeys(paint for paint in paints if not paint.is_shaded))
     known.sort(key=lambda paint: np.abs(paint.color - colors[0]).max())
     tried = [(Paint(c), cost(c) + PRICE * count) for c in colors]

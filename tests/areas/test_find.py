@@ -270,3 +270,14 @@ def test_pale_shapes_are_areas_of_their_own(color, middle):
     found = find_areas(rasterize(svg, 128, 128))
     assert [isinstance(area.paint, tuple) for area in found.areas] == [True]
     assert found.psnr > 60
+
+
+def test_lines_of_two_colors_that_cross_on_a_transparent_page_keep_both():
+    picture = np.zeros((SIDE, SIDE, 4), np.float32)
+    for k in range(0, SIDE, 19):
+        picture[k] = picture[:, k] = *GREEN, 1
+    for k in range(9, SIDE, 38):
+        # Over black, yellow differs more from the page than green does.
+        picture[k] = 1, 1, 0, 1
+    found = find_areas(picture)
+    assert found.psnr > 30

@@ -228,6 +228,26 @@ def test_points_between_digits_stay_though_no_pixel_has_their_colour(page):
         assert light == pytest.approx(expected, rel=0.5)
 
 
+@pytest.mark.parametrize(
+    ("ink", "cell", "side"), [(1.0, (0.4, 0.55, 0.75), 1.1), (0.0, (1.0, 1.0, 1.0), 1.5)]
+)
+@pytest.mark.parametrize("x", [30.0, 30.3])
+def test_minus_signs_and_points_beside_digits_stay(ink, cell, side, x):
+    areas, places = [Area((box(10.5, 10.5, 117.5, 117.5),), cell)], []
+    for y in (20, 45, 70, 95):
+        marks = box(x, y + 5.2, x + 3.2, y + 6.1), box(x + 10, y + 9, x + 10 + side, y + 9 + side)
+        digits = box(x + 6, y, x + 7, y + 10), box(x + 14, y, x + 15, y + 10)
+        areas += [Area((one,), (ink,) * 3) for one in (*marks, *digits)]
+        places += [np.s_[y + 4 : y + 8, 29:35], np.s_[y + 8 : y + 12, 39:43]]
+    # White marks have the colour of the page, so they are holes.
+    picture = over(areas, 1.0, 128)
+    result = find_areas(picture.astype(np.float32), is_clean=True)
+    drawn = over(result.areas, result.background, 128)
+    for around in places:
+        left, expected = (np.abs(one[around] - picture[15, 15]).sum() for one in (drawn, picture))
+        assert left == pytest.approx(expected, rel=0.3)
+
+
 def test_faint_lines_of_a_grid_are_drawn_as_they_are():
     """They are nearly black mixed with white, so they might be lines of .13 px in black."""
     rows = [line((20, y), (120, y)) for y in (30.5, 50.5, 70.5)]
