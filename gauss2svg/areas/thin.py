@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -323,8 +324,8 @@ def _add_parts(regions: Regions, palette: Palette, least: float) -> None:
         # Faint errors that are even are those of a line in a colour that is nearly a mixture.
         if least < UNEXPLAINED and (len(old) < 16 or old.std() > 0.25 * old.mean()):
             continue
-        paint, cost = _paint_of_part(regions, at, old, palette)
-        if cost > 0.6 * np.minimum(old, MOST_COUNTED).sum():
+        paint = _paint_of_part(regions, at, old, palette)
+        if paint is None:
             continue
         name = len(paints)
         paints.append(paint)
@@ -340,8 +341,8 @@ def _add_parts(regions: Regions, palette: Palette, least: float) -> None:
 
 def _paint_of_part(
     regions: Regions, at: tuple[Ints, Ints], error: Floats, palette: Palette
-) -> tuple[Paint, float]:
-    """Return the paint that explains the pixels of a part best, and its cost.
+) -> Paint | None:
+    """Return the paint that explains the pixels of a part best, or None if it explains little.
 
     error  (n,) squared error of the pixels without it
     """
@@ -352,13 +353,18 @@ def _paint_of_part(
         error = palette.explain(pixels, regions.labels, at, color, len(paints))[2]
         return float(np.minimum(error, MOST_COUNTED).sum())
 
-    # The pixels that are explained worst may have the pure colour. Where lines of several colours
-    # meet, the colour that most pixels have may explain more of them.
+    # The pixels that are explained worst may have the pure colour.
     shares = (values[:n] for n in (1, max(3, count // 20), max(3, count // 8)))
-    _, first, counts = np.unique(np.round(values * 32), True, False, True, axis=0)
-    colors = [*(np.median(some, axis=0) for some in shares), values[first[counts.argmax()]]]
+    colors = [np.median(some, axis=0) for some in shares]
     known = list(dict.fromkeys(paint for paint in paints if not paint.is_shaded))
     known.sort(key=lambda paint: np.abs(paint.color - colors[0]).max())
-    tried = [(Paint(c), cost(c) + PRICE * count) for c in colors]
-    tried += [(paint, cost(paint.color)) for paint in known[:24]]
-    return min(tried, key=lambda one: one[1])
+    tried = [(cost(c) + PRICE * count, Paint(c)) for c in colors]
+    tried += [(cost(paint.color), paint) for paint in known[:24]]
+    most = 0.6 * np.minimum(error, MOST_COUNTED).sum()
+    if min(tried, key=itemgetter(0))[0] > most:
+        # Where lines of several colours meet, the colour of most pixels may explain more of them.
+        _, first, counts = np.unique(np.round(values * 32), True, False, True, axis=0)
+        common = values[first[counts.argmax()]]
+        tried.append((cost(common) + PRICE * count, Paint(common)))
+    least, paint = min(tried, key=itemgetter(0))
+    return paint if least <= most else None
