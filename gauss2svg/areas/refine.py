@@ -239,35 +239,33 @@ class Drawing:
         )  # fmt: skip
         return pixel[:n], owner[:n], jacobian[:n], weights[:n]
 
-    def solve_colors(self) -> None:
-        """Set flat colours by least squares, given what shows of each. `weigh` comes first."""
+    def solve_colors(self, error: NDArray[np.float32]) -> None:
+        """Set flat colours by least squares, given what shows of each. `weigh` comes first.
+
+        error  (h, w, c) of the drawing. Sums of whole colours would lose levels in large pictures
+        """
         from scipy.sparse import coo_array
 
         h, w, _ = self.shape
         parts: list[tuple[Paint, Floats, Any]] = [(self.ground, self.above, (0, 0))]
         for k, paint in enumerate(self._paint):
             parts.append((paint, self.part(self.visible, k), self.box[k, :2]))
-        rest = self.pixels.reshape(h * w, -1).copy()
         # Flat paints with their rows of a matrix of what shows of each in each pixel
         flat, entries = dict[Paint, int](), list[tuple[Ints, Ints, Floats]]()
         for paint, share, (x, y) in parts:
-            ys, xs = np.nonzero(share > LEAST_SHOWN)
-            at, seen = ((ys + y) * w + xs + x).astype(np.int32), share[ys, xs]
-            if paint.is_shaded:
-                rest[at] -= seen[:, None] * paint.at(xs + x, ys + y)
-            else:
+            if not paint.is_shaded:
+                ys, xs = np.nonzero(share > LEAST_SHOWN)
                 row = flat.setdefault(paint, len(flat))
-                entries.append((np.full(len(at), row, np.int32), at, seen))
+                columns = ((ys + y) * w + xs + x).astype(np.int32)
+                entries.append((np.full(len(ys), row, np.int32), columns, share[ys, xs]))
         if not flat:
             return
         rows, columns, values = map(np.concatenate, zip(*entries, strict=True))
         matrix = coo_array((values, (rows, columns)), shape=(len(flat), h * w)).tocsr()
-        prior = np.array([paint.prior for paint in flat])
-        gram = (matrix @ matrix.T).toarray() + np.diag(prior)
-        old = np.array([paint.color for paint in flat])
-        new = portable.solve(gram, matrix @ rest + prior[:, None] * old)
-        for paint, color in zip(flat, new, strict=True):
-            paint.color = np.clip(color, 0, 1)
+        gram = (matrix @ matrix.T).toarray() + np.diag([paint.prior for paint in flat])
+        change = portable.solve(gram, matrix @ -error.reshape(h * w, -1))
+        for paint, by in zip(flat, change, strict=True):
+            paint.color = np.clip(paint.color + by, 0, 1)
 
     def refine(
         self, steps: int, colors: bool = True, on_step: Callable[[int], None] | None = None
@@ -284,7 +282,7 @@ class Drawing:
             before = squared(error)
             self.weigh()
             if colors and n in (3, 11):
-                self.solve_colors()
+                self.solve_colors(error)
                 error = self.draw() - self.pixels
                 self.weigh()
             error, damping = self._stepped(error, damping)

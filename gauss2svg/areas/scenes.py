@@ -53,9 +53,9 @@ def refined_areas(
         needed = f"areas whose boxes have at most {MOST_IN_BOXES / 1e6:g} million px in all"
         raise refusal("start", f"of {needed}", f"{count / 1e6:.0f} million", "a lower --max-size")
     # Outlines would move away from parts that have another colour now.
-    drawing.draw()
+    error = drawing.draw() - pixels
     drawing.weigh()
-    drawing.solve_colors()
+    drawing.solve_colors(error)
     return find.refined(drawing, rate, unit, progress)
 
 

@@ -147,3 +147,17 @@ def test_the_corners_of_a_small_star_stay():
     drawing = picture_of(curves, [True] * 10, svg)
     (layer,) = without_kinks(drawing)
     assert len(layer.paths[0].curved) == 10
+
+
+def test_colours_of_large_areas_are_exact():
+    """A sum of 400 000 values in single precision would lose two levels of 255."""
+    page, color = np.array([243, 244, 246]) / 255, np.array([22, 163, 74]) / 255
+    picture = np.full((640, 640, 3), page, np.float32)
+    picture[100:120, 100:160] = color
+    segments = np.array(line((100.3, 100), (160, 100), (160, 120), (100.3, 120), (100.3, 100)))
+    layer = Layer(0, [Path(segments, np.zeros(4, bool))])
+    drawing = Drawing(picture, Paint(page), [Paint(color)], [layer])
+    error = drawing.draw() - picture
+    drawing.weigh()
+    drawing.solve_colors(error)
+    assert np.abs(drawing.ground.color - page).max() < 0.1 / 255
