@@ -31,7 +31,7 @@ from gauss2svg.areas import arrays
 from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Floats, Ints, dilated
 from gauss2svg.areas.paint import GOOD, paint_of
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, renamed, spread_of
-from gauss2svg.areas.texture import TWO_TONED, two_toned
+from gauss2svg.areas.texture import TWO_TONED, is_shaded, two_toned
 from gauss2svg.core import Kernel
 from gauss2svg.portable import product
 
@@ -66,7 +66,9 @@ def noise_of(pixels: Floats) -> float:
     if textured(pixels, cores_of(pixels)).any():
         return 0.0
     # This quantile of uneven second differences is 2.4 times the noise.
-    return max(float(np.quantile(uneven, 0.8)) / 2.4, LEAST_NOISE)
+    noise = float(np.quantile(uneven, 0.8)) / 2.4
+    # Glows bend beside edges too, but little.
+    return 0.0 if noise < LEAST_NOISE and is_shaded(pixels) else max(noise, LEAST_NOISE)
 
 
 def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:

@@ -334,15 +334,16 @@ def test_an_enlarged_drawing_is_reduced():
     assert vectorize(large).report["measured_width"] < 1152
 
 
-def test_a_glow_around_letters_is_drawn_by_gaussians():
+def test_a_glow_around_letters_is_no_noise_of_jpeg():
+    """Taken for noise, it became forty contours with torn ends."""
     letters = FRAME.format("""<path d="M24 24v80M24 64h44M68 24v80M94 24v80" fill="none"
     stroke="#fff" stroke-width="9"/>""")
     alpha = rasterize(letters, 512, 512, alpha=True)[..., 3:]
     glow = 1.2 * ndimage.gaussian_filter(alpha, (4, 4, 0)) * (0.1, 0.7, 0.8) + (0.01, 0.01, 0.05)
     picture = np.round(255 * np.clip(glow + alpha * (1 - glow), 0, 1)) / 255
     result = vectorize(np.float32(picture))
-    assert result.report["gaussians"] >= 8
-    assert result.report["area_count"] < 30
+    assert result.report["psnr_svg"] > 40
+    assert result.report["area_count"] < 20
 
 
 def test_cairo_draws_the_gradients_of_a_large_drawing():
