@@ -102,7 +102,7 @@ def chains_of(mask: Bools, share: Floats) -> list[Chain]:
     link: dict[End, End] = {}
     for group in meeting.values():
         for turn, p, q in _turns(itertools.combinations(group, 2), rays):
-            # Two ends are one line, unless one is twice as wide.
+            # Two ends are one line, unless one is much wider.
             if turn < (6 if len(group) == 2 else 2.2) and p not in link and q not in link:
                 link[p], link[q] = q, p
     return _walked(branches, ends, bridges, junctions, rays, link, share)
@@ -166,6 +166,7 @@ def _split_at_steps(
         branch = branches[i]
         if len(branch) > 2 * SIDE + 1:
             width = ndimage.median_filter(_widths_along(branch, share, False), 3)
+            width = np.maximum(width, 1e-3)
             step = np.abs(portable.log(width[SIDE:] / width[:-SIDE]))
             at = int(step[3:-3].argmax()) + 3  # away from junctions
             if step[at] > portable.log(2.2):

@@ -181,12 +181,12 @@ def _chosen(
     Then there are no strokes.
     """
     strokes = strokes_of(part, weight_at, unit, rate)
+    values = pixels[part.box]
+    around = dilated(part.share > SEEN, 2) & (part.share <= 0.02)
     if strokes:
         part, strokes = _without_bad(part, strokes)
     if not strokes:
         return part, []
-    values = pixels[part.box]
-    around = dilated(part.share > SEEN, 2) & (part.share <= 0.02)
     ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
     contrast = float(((paint.color - ground) ** 2).sum())
     as_lines = _layers(strokes)

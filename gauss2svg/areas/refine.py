@@ -14,8 +14,8 @@ and level and upright lines stay so (`Ties`).
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -90,7 +90,7 @@ class Drawing:
 
     def __init__(
         self, pixels: Floats, ground: Paint, paints: list[Paint], layers: list[Layer], is_tied: bool
-        = True, picture: Floats | None = None,
+        = True, picture: Floats | None = None, memory: dict[str, Floats] | None = None,
     ) -> None:  # fmt: skip
         self.pixels = pixels.astype(np.float32, copy=False)
         self.picture = self.pixels if picture is None else picture
@@ -131,6 +131,12 @@ class Drawing:
         self._paint = [paints[layer.paint] for layer in layers]
         self._palette = Palette.of(self._paint)
         self._opacity = np.array([paint.opacity for paint in self._paint])
+        self._memory = {} if memory is None else memory
+        if ground.is_shaded and "ground" not in self._memory:
+            # One row at a time needs little memory.
+            colors, across = self._memory_of("ground", *self.shape), np.arange(self.shape[1])
+            for y, row in enumerate(colors):
+                row[:] = ground.at(across, np.full(len(across), y))
         # The outer outlines of a layer run one way, so the sign of its whole area is theirs.
         p = self.point[self.segment]
         area = (p[:, :-1, 0] * p[:, 1:, 1] - p[:, :-1, 1] * p[:, 1:, 0]).sum(axis=1)
@@ -145,9 +151,22 @@ class Drawing:
         column = self.ties.same[coordinates].reshape(-1, 8)
         self._column = np.column_stack([column, self.point.size + self.layer_of])
 
+    def _memory_of(self, name: str, *shape: int) -> Floats:
+        """Return an array of this shape in memory that drawings of one picture share.
+
+        New memory takes longer to fill.
+        """
+        size = math.prod(shape)
+        if name not in self._memory or self._memory[name].size < size:
+            self._memory.pop(name, None)
+            self._memory[name] = np.empty(size + size // 16, np.float32)
+        return self._memory[name][:size].reshape(shape)
+
     def with_layers(self, layers: list[Layer], is_tied: bool = True) -> Drawing:
         """Return a drawing of the same picture with other layers."""
-        new = Drawing(self.pixels, self.ground, self.paints, layers, is_tied, self.picture)
+        new = Drawing(
+            self.pixels, self.ground, self.paints, layers, is_tied, self.picture, self._memory
+        )
         new.focus = self.focus
         return new
 
@@ -163,24 +182,19 @@ class Drawing:
         end = np.clip(np.ceil(high).astype(np.int64) + 1, start + 1, [w, h])
         return np.concatenate([start, end - start], axis=1)
 
-    @functools.cached_property
-    def _page(self) -> Floats:
-        """The raster (h, w, c) of a shaded ground."""
-        ys, xs = np.indices(self.shape[:2])
-        return self.ground.at(xs.ravel(), ys.ravel()).reshape(self.shape)
-
     def draw(self) -> NDArray[np.float32]:
         """Return the raster (h, w, c), and keep the coverage of each layer and what is below it."""
         h, w, channels = self.shape
         canvas = np.empty(self.shape, np.float32)
-        canvas[:] = self._page if self.ground.is_shaded else self.ground.color
+        is_shaded = self.ground.is_shaded
+        canvas[:] = self._memory_of("ground", *self.shape) if is_shaded else self.ground.color
         if not self.layers:
             return canvas
         self.box = self.boxes()
         end = np.cumsum(self.box[:, 2] * self.box[:, 3])
         self.offset = np.append(0, end[:-1])
-        self.cover = np.empty(end[-1], np.float32)
-        self.below = np.empty((end[-1], channels), np.float32)
+        self.cover = self._memory_of("cover", end[-1])
+        self.below = self._memory_of("below", end[-1], channels)
         form, place, table = self._palette
         for layer, paint in enumerate(self._paint):
             if not paint.is_shaded:
@@ -244,24 +258,27 @@ class Drawing:
 
         error  (h, w, c) of the drawing. Sums of whole colours would lose levels in large pictures
         """
-        from scipy.sparse import coo_array
+        from scipy.sparse import csr_array
 
         h, w, _ = self.shape
         parts: list[tuple[Paint, Floats, Any]] = [(self.ground, self.above, (0, 0))]
         for k, paint in enumerate(self._paint):
             parts.append((paint, self.part(self.visible, k), self.box[k, :2]))
-        # Flat paints with their rows of a matrix of what shows of each in each pixel
-        flat, entries = dict[Paint, int](), list[tuple[Ints, Ints, Floats]]()
+        # The pixels where each flat paint shows, and what shows of it there
+        flat: dict[Paint, list[tuple[Ints, Floats]]] = {}
         for paint, share, (x, y) in parts:
             if not paint.is_shaded:
                 ys, xs = np.nonzero(share > LEAST_SHOWN)
-                row = flat.setdefault(paint, len(flat))
-                columns = ((ys + y) * w + xs + x).astype(np.int32)
-                entries.append((np.full(len(ys), row, np.int32), columns, share[ys, xs]))
+                at = ((ys + y) * w + xs + x).astype(np.int32)
+                flat.setdefault(paint, []).append((at, share[ys, xs]))
         if not flat:
             return
-        rows, columns, values = map(np.concatenate, zip(*entries, strict=True))
-        matrix = coo_array((values, (rows, columns)), shape=(len(flat), h * w)).tocsr()
+        pieces = [piece for pieces in flat.values() for piece in pieces]
+        sizes = [sum(len(at) for at, _ in pieces) for pieces in flat.values()]
+        columns, values = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+        ends = np.append(0, np.cumsum(sizes)).astype(np.int32)
+        matrix = csr_array((values, columns, ends), shape=(len(flat), h * w))
+        matrix.sum_duplicates()
         gram = (matrix @ matrix.T).toarray() + np.diag([paint.prior for paint in flat])
         change = portable.solve(gram, matrix @ -error.reshape(h * w, -1))
         for paint, by in zip(flat, change, strict=True):

@@ -249,12 +249,14 @@ def _add_rims(regions: Regions, palette: Palette) -> None:
         at, own = pixels_of(part & is_free, box), np.count_nonzero(inner & is_free)
         if own < 0.5 * len(at[0]) or own < 0.5 * np.count_nonzero(inner):
             continue  # it is a soft edge, or a glow around letters
-        similar = [p for p, off in zip(known, far, strict=True) if not (off or p.is_shaded)]
+        similar = [p for p, off in zip(known, far, strict=True) if not (off or p.is_shaded)][:24]
         tried = [
             (paint, *palette.explain(pixels, regions.labels, at, paint.color, name))
             for paint in [Paint(color), *similar]
         ]
-        paint, label, share, error = min(tried, key=lambda one: one[3].sum())
+        price = PRICE * len(at[0])  # of a new colour, which is the first one
+        costs = [one[3].sum() + price * (k == 0) for k, one in enumerate(tried)]
+        paint, label, share, error = tried[int(np.argmin(costs))]
         if error.sum() < 0.5 * regions.error[at].sum():
             is_own = (label == name).any(axis=1) & (error < regions.error[at] + UNEXPLAINED)
             at = at[0][is_own], at[1][is_own]

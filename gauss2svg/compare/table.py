@@ -108,11 +108,11 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
 
 
 def exact_photos(rows: Iterable[Row], images: int) -> set[str]:
-    """Return the names of the photos that at least one setting draws exactly.
+    """Return the names of the photos that at least one setting of ours draws exactly.
 
     Return none if these are all photos, whose number is `images`.
     """
-    names = {row["image"] for row in rows if is_exact(row)}
+    names = {row["image"] for row in rows if row["tool"] == TOOL and is_exact(row)}
     return names if len(names) < images else set()
 
 

@@ -314,7 +314,9 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
         return bytes(source), f"photo of {len(source)} bytes"
     if isinstance(source, (str, os.PathLike)):
         name = file_name("photo", source)
-        advice = "the path of a photo, - for standard input, or gauss2svg batch for URLs"
+        advice = "the path of a photo, or - for standard input"
+        if "://" in name:
+            advice = "the path of a saved photo, or gauss2svg batch for URLs"
         with reading(name, advice) as file:
             is_photo = not isinstance(format_of(file.read(PREFIX_BYTES)), str)
             file.seek(0)

@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 _WIDEST = 0.022  # width of the widest line, as a share of the picture's longer side
 _FINE = 3  # cells along a side of a px in which lines are found
-_ALIKE = 10 / 255  # largest difference of two colours that a drawing does not tell apart
+_ALIKE = 10.5 / 255  # largest difference of two colours that a drawing does not tell apart
 
 
 class Pen(NamedTuple):

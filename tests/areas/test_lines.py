@@ -278,3 +278,9 @@ def test_a_line_ends_where_it_becomes_much_wider():
     *thin, wide = sorted(chains_of(share > 0.25, share), key=lambda chain: chain.width)
     assert wide.points[:, 1].max() < 27
     assert [chain.width for chain in thin] == pytest.approx([0.8, 0.8], rel=0.1)
+
+
+def test_a_part_of_one_row_with_a_gap_has_lines_without_a_warning():
+    share = np.repeat([[1.0, 0.0, 1.0]], (8, 3, 9), axis=1)
+    with np.errstate(all="raise"):
+        assert chains_of(share > 0, share)
