@@ -254,7 +254,7 @@ def _add_rims(regions: Regions, palette: Palette) -> None:
             (paint, *palette.explain(pixels, regions.labels, at, paint.color, name))
             for paint in [Paint(color), *similar]
         ]
-        price = PRICE * len(at[0])  # of a new colour, which is the first one
+        price = PRICE * len(at[0])  # each px of a new colour, the first one, has this price
         costs = [one[3].sum() + price * (k == 0) for k, one in enumerate(tried)]
         paint, label, share, error = tried[int(np.argmin(costs))]
         if error.sum() < 0.5 * regions.error[at].sum():
