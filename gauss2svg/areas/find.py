@@ -20,6 +20,9 @@ from gauss2svg.areas.regions import Regions
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
 RATE = 0.0012  # squared error that a byte of an area must save
+# Least squared error that a byte of an outline must save, for each unit of the median squared error
+# of pixels along outlines, because nodes that follow antialiasing save some too
+PRICE_OF_SCATTER = 27.0
 UNIT = 1 / 32  # px of path data
 STEPS = 20  # steps of refinement before nodes are merged, and after each time that they are
 
@@ -84,7 +87,7 @@ def find_areas(
     drawing = first_drawing(
         channels_of(picture), unit, rate, shaded, most_cores, poll, glance, is_clean
     )
-    drawing.focus = focus
+    drawing.focus, drawing.is_clean = focus, is_clean
     # Faint layers are not even refined. Before that, the others save less than they will.
     layers = merge.without_cheap(drawing, unit, min(max(0.0015, rate), 0.004))
     drawing = drawing.with_layers(layers, is_tied=False)
@@ -129,7 +132,9 @@ def refined(
 
     refine(steps)
     for _ in range(2):
-        drawing = drawing.with_layers(merge.merged(drawing, unit, rate))
+        scatter = drawing.scatter if drawing.is_clean else 0.0
+        price = max(rate, PRICE_OF_SCATTER * scatter)
+        drawing = drawing.with_layers(merge.merged(drawing, unit, price))
         refine(later)
     drawing = drawing.with_layers(merge.without_cheap(drawing, unit, rate))
     drawing = drawing.with_layers(merge.with_caps(drawing, rate))

@@ -17,8 +17,9 @@ from gauss2svg.areas.refine import Drawing, Layer
 
 # Sizes of tags and attributes in bytes: of a layer, and of ends and joins that are round
 BYTES_OF_AREA, BYTES_OF_LINE, BYTES_OF_ROUND = 20.0, 50.0, 44.0
-TURN_RAD = np.radians(25)  # least turn of a kink
 BEND_RAD = np.radians(30)  # least fall of the sum of all turns without a kink
+SHORT_PX = 3.0  # most length of the shorter segment beside a kink
+MOST_RISE = 0.03  # largest rise of the squared error around a kink that is left out
 
 
 def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
@@ -165,8 +166,8 @@ class Kink(NamedTuple):
 def without_kinks(drawing: Drawing) -> list[Layer]:
     """Return the layers of a drawing without needless kinks.
 
-    A kink is a node at which an outline turns, beside a short curve. All of them are replaced by
-    curves without a node and the outlines are refined. What is then as close stays so.
+    A kink is a node beside a short curve, without which an outline turns less. All of them are
+    replaced by curves without a node and the outlines are refined. What is then as close stays so.
     """
     layers = drawing.current()
     kinks = [[kinks_of(path) for path in layer.paths] for layer in layers]
@@ -185,7 +186,7 @@ def without_kinks(drawing: Drawing) -> list[Layer]:
     trial = drawing.with_layers(without(lambda kink: True))
     trial.refine(8, colors=False)
     rise = drawing.focused(_errors(trial) - before)
-    return without(lambda kink: float(rise[_around(kink.place[None], 3)].sum()) <= 0.03)
+    return without(lambda kink: float(rise[_around(kink.place[None], 3)].sum()) <= MOST_RISE)
 
 
 def _errors(drawing: Drawing) -> Floats:
@@ -200,15 +201,10 @@ def kinks_of(path: Path) -> list[Kink]:
     segments, curved, count = path.segments, path.curved, len(path.curved)
     starts = np.where(curved[:, None], segments[:, 1], segments[:, 3]) - segments[:, 0]
     ends = segments[:, 3] - np.where(curved[:, None], segments[:, 2], segments[:, 0])
-    turn = outlines.angles_of(np.roll(ends, 1, axis=0), starts)
     length = portable.hypot(*(segments[:, 3] - segments[:, 0]).T)
-    is_short = np.minimum(length, np.roll(length, 1)) <= 3
-    kinks = list[Kink]()
-    for k in np.flatnonzero((turn >= TURN_RAD) & is_short & (curved | np.roll(curved, 1))):
-        if kinks and (k - kinks[-1].segment < 2 or (k + 1 == count and not kinks[0].segment)):
-            continue
-        if len(kinks) == count - 2:  # a path needs two segments
-            break
+    is_short = np.minimum(length, np.roll(length, 1)) <= SHORT_PX
+    found = list[tuple[float, Kink]]()
+    for k in np.flatnonzero(is_short & (curved | np.roll(curved, 1))):
         pair = [k - 1, k]
         points = outlines.sampled(segments[pair], curved[pair], np.full(2, 24))
         points = np.vstack([points, segments[k, 3]])
@@ -216,8 +212,14 @@ def kinks_of(path: Path) -> list[Kink]:
         new = outlines.sampled(curve[None], np.ones(1, bool), np.full(1, 24))
         new = np.vstack([new, curve[3]])
         around = ends[k - 2], starts[(k + 1) % count]
-        if _bend(points, *around) - _bend(new, *around) > BEND_RAD:
-            kinks.append(Kink(int(k), curve, segments[k, 0]))
+        bend = _bend(points, *around) - _bend(new, *around)
+        if bend > BEND_RAD:
+            found.append((bend, Kink(int(k), curve, segments[k, 0])))
+    kinks = list[Kink]()
+    for _, kink in sorted(found, key=lambda one: -one[0])[: count - 2]:  # a path needs two segments
+        gaps = [(kink.segment - other.segment) % count for other in kinks]
+        if all(1 < gap < count - 1 for gap in gaps):
+            kinks.append(kink)
     return kinks
 
 

@@ -100,7 +100,9 @@ class Drawing:
         self.rasterize: Callable[[], NDArray[np.float32]] | None = None
         # (h, w) weights of errors, for which nodes and layers are left out. None: all are 1
         self.focus: Floats | None = None
+        self.is_clean = False  # whether neither JPEG nor a filter that overshoots made the picture
         self.noise = 0.0  # mean squared distance in px by which outlines seem to be off
+        self.scatter = 0.0  # median squared error of the pixels along outlines
         self.shape = pixels.shape
         paths = [path for layer in layers for path in layer.paths]
         segments = np.concatenate([np.empty((0, 4, 2)), *(path.segments for path in paths)])
@@ -167,7 +169,7 @@ class Drawing:
         new = Drawing(
             self.pixels, self.ground, self.paints, layers, is_tied, self.picture, self._memory
         )
-        new.focus = self.focus
+        new.focus, new.is_clean = self.focus, self.is_clean
         return new
 
     def boxes(self) -> Ints:
@@ -322,7 +324,10 @@ class Drawing:
         places, place = np.unique(pixel, return_inverse=True)
         rows = error.reshape(-1, self.shape[2])
         samples = place, owner, jacobian, weights
-        move, widen = self._solved(samples, rows[places].astype(np.float64), damping)
+        along = rows[places].astype(np.float64)
+        if len(along):
+            self.scatter = float(np.median((along**2).sum(axis=1)))
+        move, widen = self._solved(samples, along, damping)
         loss = squared(error)
         # Each entry has the pixels through which the outlines of a path run.
         pairs = np.unique(self.path_of[owner] * len(places) + place)

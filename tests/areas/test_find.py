@@ -218,6 +218,26 @@ def test_a_higher_price_of_bytes_gives_fewer_nodes():
 SIZES = [(1, 1), (1, 40), (3, 2), (40, 1), (96, 96)]
 
 
+def test_nodes_do_not_follow_antialiasing():
+    path = "M46 20c-5-12-28-12-28 2c0 13 28 9 28 21c0 14-24 13-28 2"
+    svg = (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64"><rect width="64" height="64"'
+        f' fill="#fff8e1"/><path d="{path}" fill="none" stroke="#e65100" stroke-width="7"'
+        ' stroke-linecap="round"/></svg>'
+    )
+    picture, large = rasterize(svg, 64, 64), rasterize(svg, 512, 512)
+
+    def nodes_and_error(is_clean: bool) -> tuple[int, float]:
+        found = find_areas(picture, is_clean=is_clean)
+        canvas = np.full(large.shape, found.background)
+        draw_areas([area.scaled(8, 8) for area in found.areas], canvas)
+        return sum(area.nodes for area in found.areas), float(((canvas - large) ** 2).mean())
+
+    (nodes, error), (most, other) = nodes_and_error(True), nodes_and_error(False)
+    assert nodes < 0.8 * most
+    assert error < 1.1 * other
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_a_plain_picture_has_no_areas(size):
     even = find_areas(np.full((*size, 3), 0.25, np.float32))
