@@ -171,6 +171,11 @@ class Regions:
         is_one = label == names if np.ndim(names) == 0 else np.isin(label, names)
         return self.share[box].sum(axis=-1, where=is_one)
 
+    def mix(self, at: tuple[Ints, Ints], mixtures: tuple[Any, Any, Any], where: Bools) -> None:
+        """Write the label, share and error (n, ..) of some pixels, of those of them in `where`."""
+        at = at[0][where], at[1][where]
+        self.label[at], self.share[at], self.error[at] = (values[where] for values in mixtures)
+
     @property
     def largest(self) -> Ints:
         """The region (h, w) with the largest share of each pixel."""

@@ -101,9 +101,10 @@ def add_letters(regions: Regions) -> Ints:
             same = flat[-1:]
         paint = min(same, key=lambda p: _differences(longest.darkest, p))
         for letter in line:
-            mixture = _mixture(pixels, letter.at, paint, paints[letter.region])
-            labels[letter.at] = np.where(mixture[0] > 0.5, len(paints), letter.region)
-            _mix(regions, letter.at, len(paints), letter.region, mixture)
+            at, region = letter.at, letter.region
+            mixture = _mixture(pixels, at, len(paints), paint, region, paints[region])
+            labels[at] = np.where(mixture[1][:, 0] > 0.5, len(paints), region)
+            regions.mix(at, mixture, np.ones(len(at[0]), bool))
             ground[letter.near] = letter.region
             paints.append(paint)
     return ground
@@ -224,10 +225,8 @@ def _add_hairlines(regions: Regions) -> None:
         same = [paint for paint in others if _differences(color, paint) <= SAME_COLOR]
         paint = min(same or [Paint(color)], key=lambda paint: _differences(color, paint))
         at = pixels_of(part & (regions.cores[box] < 0), box)
-        mixture = _mixture(pixels, at, paint, ground)
-        is_own = mixture[1] < regions.error[at] + UNEXPLAINED
-        at = at[0][is_own], at[1][is_own]
-        _mix(regions, at, len(paints), largest[at], mixture[:, is_own])
+        mixture = _mixture(pixels, at, len(paints), paint, largest[at], ground)
+        regions.mix(at, mixture, mixture[2] < regions.error[at] + UNEXPLAINED)
         paints.append(paint)
 
 
@@ -259,9 +258,7 @@ def _add_rims(regions: Regions, palette: Palette) -> None:
         paint, label, share, error = tried[int(np.argmin(costs))]
         if error.sum() < 0.5 * regions.error[at].sum():
             is_own = (label == name).any(axis=1) & (error < regions.error[at] + UNEXPLAINED)
-            at = at[0][is_own], at[1][is_own]
-            regions.label[at], regions.share[at] = label[is_own], share[is_own]
-            regions.error[at] = error[is_own]
+            regions.mix(at, (label, share, error), is_own)
             paints.append(paint)
 
 
@@ -291,23 +288,19 @@ def _faint_parts(
             yield box, part[box] == q, faint[box]
 
 
-def _mixture(pixels: Floats, at: tuple[Ints, Ints], paint: Paint, ground: Paint) -> Floats:
-    """Return the shares (n,) of a paint in pixels that it and a ground mix to, and their errors."""
+def _mixture(
+    pixels: Floats, at: tuple[Ints, Ints], name: int, paint: Paint, under: Ints | int, ground: Paint
+) -> tuple[Ints, Floats, Floats]:
+    """Return the labels, shares (n, 3) and errors (n,) of pixels that a paint and a ground mix to.
+
+    name, under  regions of the paint, and of the ground
+    """
     way = paint.color - ground.at(*at[::-1])
     off = paint.color - pixels[at]
     share = np.clip(1 - (off * way).sum(axis=1) / (way**2).sum(axis=1), 0, 1)
-    return np.stack([share, ((off - (1 - share)[:, None] * way) ** 2).sum(axis=1)])
-
-
-def _mix(
-    regions: Regions, at: tuple[Ints, Ints], name: int, under: Ints | int, mixture: Floats
-) -> None:
-    """Share pixels between the region `name` and the regions `under` it, as in a mixture."""
-    share, error = mixture
-    under = np.broadcast_to(under, share.shape)
-    regions.label[at] = np.stack(np.broadcast_arrays(name, under, -1), axis=1)
-    regions.share[at] = np.stack([share, 1 - share, 0 * share], axis=1)
-    regions.error[at] = error
+    label = np.stack(np.broadcast_arrays(name, under, -1, share)[:3], axis=1)
+    error = ((off - (1 - share)[:, None] * way) ** 2).sum(axis=1)
+    return label, np.stack([share, 1 - share, 0 * share], axis=1), error
 
 
 def _add_parts(regions: Regions, palette: Palette, least: float) -> None:
@@ -336,9 +329,7 @@ def _add_parts(regions: Regions, palette: Palette, least: float) -> None:
         at = pixels_of(grown_part, box)
         label, share, error = palette.explain(pixels, labels, at, paint.color, name)
         better = (error < regions.error[at] - PRICE) & (label == name).any(axis=1)
-        at = at[0][better], at[1][better]
-        regions.label[at], regions.share[at] = label[better], share[better]
-        regions.error[at] = error[better]
+        regions.mix(at, (label, share, error), better)
 
 
 def _paint_of_part(
