@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from test_find import DRAWINGS, color_of, drawn, points_of
 from test_texture import jpeg, pixels_of
 
-from gauss2svg.areas.clean import cleaned, noise_of, without_shading
+from gauss2svg.areas.clean import cleaned, enlargement_of, noise_of, without_shading
 
 
 def image_of(picture):
@@ -75,6 +75,21 @@ def test_a_dark_card_keeps_its_edge_above_its_shadow():
     crisp = without_shading(picture.astype(np.float32))
     for part, color in ((inside, card), (~inside, ground)):
         assert np.abs(crisp[part] - color).max() < 2 / 255
+
+
+@pytest.mark.parametrize("times", [1.5, 2.0])
+@pytest.mark.parametrize("name", ["BILINEAR", "BICUBIC", "LANCZOS"])
+def test_an_enlarged_drawing_is_told_and_not_said_to_be_larger_than_it_is(times, name):
+    drawing = enlarged(drawn(DRAWINGS["a polygon"]), times, Image.Resampling[name])
+    assert 1 < enlargement_of(drawing) <= times
+
+
+def test_a_drawing_with_details_of_a_pixel_was_not_enlarged():
+    soft = gaussian_filter(drawn(DRAWINGS["a polygon"]), (1, 1, 0))
+    assert enlargement_of(soft) > 1
+    rows, columns = np.indices(soft.shape[:2])
+    details = np.where((rows + columns) % 2, 0.05, -0.05)[..., None]
+    assert enlargement_of(np.clip(soft + details, 0, 1).astype(np.float32)) == 1
 
 
 def test_an_enlarged_drawing_has_the_areas_of_its_source():

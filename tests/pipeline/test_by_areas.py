@@ -2,6 +2,8 @@
 
 import itertools
 import re
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +16,11 @@ from skimage import data
 from gauss2svg import Scene, read_svg
 from gauss2svg.areas.find import find_areas
 from gauss2svg.errors import InputError
+from gauss2svg.fit import FitResult
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over
+from gauss2svg.pipeline.outcome import Outcome, best_of
 from gauss2svg.raster import rasterize
 from gauss2svg.scene.areas import Area, AreaCounts, Outline
 from gauss2svg.scene.inks import ink_colors, ink_name
@@ -396,3 +400,21 @@ def test_a_glossy_picture_is_drawn_by_shapes_that_are_closer():
     picture = rasterize(f"{svg}{''.join(shapes)}</g></svg>", 96, 96)
     in_areas = vectorize(picture, areas="always").report["psnr_svg"]
     assert vectorize(picture).report["psnr_svg"] > in_areas + 3
+
+
+@pytest.mark.parametrize(
+    ("limit", "larger_is_best"), [(None, [False, True]), (10**6, [True, True])]
+)
+def test_without_a_limit_twice_the_bytes_must_be_closer_by_more_than_a_hair(limit, larger_is_best):
+    plan: Any = SimpleNamespace(aim=None, goal=SimpleNamespace(byte_limit=limit))
+    run: Any = SimpleNamespace(ended=False)
+    fitted = FitResult(Scene(8, 8), 0, 0, 0.0, 0.0, 0, "gain")
+
+    def outcome(size: int, psnr: float) -> Outcome:
+        file: Any = SimpleNamespace(size=size)
+        subject: Any = SimpleNamespace(psnr=lambda *_: psnr, photo=None)
+        return Outcome(plan, subject, file, fitted, np.zeros((8, 8, 3), np.float32), 0)
+
+    for closer, is_larger in zip((0.1, 2.0), larger_is_best, strict=True):
+        best = best_of([outcome(40_000, 35.0 + closer), outcome(20_000, 35.0)], plan, run)
+        assert (best.file.size == 40_000) == is_larger
