@@ -214,7 +214,7 @@ def _is_spur(branch: Floats, at: list[int], junctions: dict[int, Junction], half
     if bool(at[0]) == bool(at[1]):
         return at[0] == at[1] != 0 and len(branch) < BRIDGE * junctions[at[0]].radius
     radius = junctions[at[0] or at[1]].radius
-    if len(branch) <= max(3, 1.3 * radius + 1):
+    if len(branch) <= 2 * radius + 2:
         return True
     if radius < 1 or len(branch) > 4.8 * radius:
         return False

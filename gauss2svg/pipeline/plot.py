@@ -42,6 +42,8 @@ from gauss2svg.svg.encode import document_svg, layer
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 _WIDEST = 0.022  # width of the widest line, as a share of the picture's longer side
+_SIDE = 800  # px along the longer side of the picture in which lines are found
+_THIN = 1.7  # px; small loops of thinner lines are filled there, so the picture is enlarged
 _FINE = 3  # cells along a side of a px in which lines are found
 _ALIKE = 10.5 / 255  # largest difference of two colours that a drawing does not tell apart
 
@@ -286,18 +288,21 @@ def _color(area: Area) -> tuple[float, ...]:
     return area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
 
 
-def _centrelines(scene: Scene, cells_per_px: float, size: Floats) -> tuple[list[_Line], Bools]:
+def _centrelines(
+    scene: Scene, cells_per_px: float, size: Floats, longest: int = _SIDE
+) -> tuple[list[_Line], Bools]:
     """Return the lines of a scene, and two masks (2, h, w) of a picture of it.
 
     The masks say where parts that have lines are, and where their lines draw them.
-    The picture has 800 px along its longer side. Lines are the narrow parts of what is seen of a
-    colour, whether areas or lines of the scene draw it.
+    Lines are the narrow parts of what is seen of a colour, whether areas or lines of the scene draw
+    it.
     size  columns and rows of cells
+    longest  px along the longer side of the picture. If most lines are thin, it is three times that
     """
     sides = np.array([scene.width, scene.height])
-    scale, most = 800 / sides.max(), 800 * _WIDEST
+    scale, most = longest / sides.max(), longest * _WIDEST
     width, height = np.maximum(np.round(sides * scale), 1).astype(int).tolist()
-    seen = np.zeros((_FINE * height, _FINE * width), np.int32)  # areas by their colours, from 1 on
+    seen = np.zeros((_FINE * height, _FINE * width), np.int16)  # areas by their colours, from 1 on
     colors = np.array([_color(area) for area in scene.areas])
     for area, color in zip(scene.areas, colors, strict=True):
         if area.opacity > 0.5:
@@ -320,6 +325,9 @@ def _centrelines(scene: Scene, cells_per_px: float, size: Floats) -> tuple[list[
                 points = np.clip(_points_along(moved, size), 0, size)
                 lines.append(_Line(colors[k - 1], points, width_px * cells_per_px / scale))
             thin[:, top, left][(..., *part.box)] |= drawn
+    widths = [line.width * scale / cells_per_px for line in lines]
+    if longest == _SIDE and lines and np.median(widths) < _THIN:
+        return _centrelines(scene, cells_per_px, size, 3 * _SIDE)
     return lines, thin
 
 

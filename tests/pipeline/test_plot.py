@@ -170,6 +170,20 @@ def test_short_lines_that_branch_off_are_drawn():
     assert plot_of(of_areas(long, Area(shorts, BLACK, width=0.6))).lifts == 4
 
 
+def test_small_loops_of_thin_lines_are_drawn():
+    turn = np.linspace(0, 2 * np.pi, 40)
+    loops = [
+        [(left, 50), *np.transpose([left + 3 + 0.3 * np.sin(turn), 49.7 + 0.3 * np.cos(turn)])]
+        for left in (10, 40, 70)
+    ]
+    scene = of_areas(*(Area([polyline(*loop)], BLACK, width=0.13) for loop in loops))
+    plot = plot_of(scene, sheet="100.1x100.1mm", pen_width=0.1)
+    strokes = [stroke for pen in plot.pens for stroke in pen.strokes]
+    for loop in loops:
+        near = np.array(loop)[1::3] + 0.05  # the margin of the sheet
+        assert max(min(away(point[None], one) for one in strokes) for point in near) < 0.1
+
+
 def test_a_wedge_is_drawn_around():
     wedge = np.array([(50.0, 90.0), (48.7, 10.0), (51.3, 10.0)])
     plot = plot_of(of_areas(Area([polygon(*wedge)], BLACK)))
