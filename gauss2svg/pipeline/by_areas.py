@@ -109,6 +109,7 @@ class ByAreas:
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
         self._is_cut = self._is_late = self._is_anew = False
+        self._is_hurried = False  # whether areas would be closer in more time
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
         self._so_far: FoundAreas | None = None  # areas before the picture was drawn in inks
@@ -151,7 +152,8 @@ class ByAreas:
         # If the search for shapes alone is stopped at once, the shapes of a short fit are the file.
         trial, subject = self._best() or self._trials.in_short(), self._subject
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        reason = "time_limit" if self._is_late else "max_bytes" if self._is_cut else "gain"
+        is_short = self._is_late or self._is_hurried
+        reason = "time_limit" if is_short else "max_bytes" if self._is_cut else "gain"
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
         final = self._steady(self._rastered(trial))
         alone = self._exporter.outcome(final, fitted, max(self._tries - 1, 0), final.found)
@@ -171,6 +173,7 @@ class ByAreas:
             return dataclasses.replace(alone, fitted=fitted.after(both.fitted, reason))
         reason, goal = both.fitted.stop_reason, self._plan.goal
         reason = "cap" if reason == "gaussians" and goal.count is None else reason
+        reason = "time_limit" if self._is_hurried else reason
         # Shapes alone may reach a target that is missed with areas.
         is_open = not (goal.is_limited or self._plan.prefers_areas)
         return dataclasses.replace(
@@ -395,6 +398,7 @@ class ByAreas:
             waits = newest is None and math.prod(self._subject.size) <= 256 * 256
             ends = self._is_over() and (self._is_late or not waits)
             ends |= newest is None and time.perf_counter() > latest
+            self._is_hurried |= ends
             if done < due and not ends:
                 return
             due, now = done + 0.2, None

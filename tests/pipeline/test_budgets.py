@@ -2,7 +2,7 @@
 
 import gzip
 import time
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
@@ -70,6 +70,13 @@ def test_a_small_file_within_seconds_has_shapes_and_is_not_interrupted(photo, wo
     assert report["stop_reason"] == "time_limit"
     assert report["gaussians"] > 0
     assert report["svg_bytes"] <= 5000
+
+
+@pytest.mark.parametrize("step_s", [0.05, 0.2, 1.0])
+def test_a_drawing_whose_areas_take_too_long_says_that_time_ended(step_s, monkeypatch):
+    ticks = count()
+    monkeypatch.setattr(time, "perf_counter", lambda: next(ticks) * step_s)
+    assert vectorize(smile(96), time_limit=4).report["stop_reason"] == "time_limit"
 
 
 def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
