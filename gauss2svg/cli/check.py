@@ -31,10 +31,6 @@ class CheckFiles(OptionGroup):
     size at which it is compared. Several give a table. After a folder of photos, the folder of
     their SVGs. If a photo or SVG in them has no partner of its name, the exit status is 1."""
 
-    reference: str | None = None
-    """SVG or larger picture that the photo was made from. The SVG is also enlarged by
-    --reference-scale and compared with this reference."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOutput(OptionGroup):
@@ -71,11 +67,6 @@ def run(given: dict[str, Any]) -> int:
     pairs, lines = _pairs(asked)
     is_one = len(asked.svg) == len(pairs) == 1 and not os.path.isdir(asked.photo)
     inputs = {photo: "the photo" for photo, _ in pairs} | {svg: "the SVG" for _, svg in pairs}
-    if asked.reference is not None:
-        inputs[asked.reference] = "the reference"
-        if len({photo for photo, _ in pairs}) > 1:
-            got = f"{len(pairs)} photos"
-            raise refusal("--reference", "given with one photo", got, "one photo")
     pictures = _pictures(output, pairs[0][1], is_one)
     is_printed = str(output.report) == STANDARD_STREAM
     reports = [Path(in_folder(output.report, "check.json"))] if output.report else []
@@ -92,9 +83,7 @@ def run(given: dict[str, Any]) -> int:
             stdin = files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else None
             try:
                 source = files.read_input() if photo == STANDARD_STREAM else photo
-                result = check(
-                    source, stdin or Path(svg), reference=asked.reference, **vars(options)
-                )
+                result = check(source, stdin or Path(svg), **vars(options))
             except Gauss2SvgError as error:
                 if is_one:
                     raise

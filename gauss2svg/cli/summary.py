@@ -76,10 +76,6 @@ def print_check(report: dict[str, Any], svg: str) -> None:
         f"{r['bias_svg']:+.2f} levels on average; hue off by at most "
         f"{r['hue_error_svg']:.1f} units of CIELAB at x = {x}, y = {y} px, which one sees from 10",
     }
-    if (scale := r["reference_scale"]) is not None:
-        score, ssim = decibels(r["psnr_svg_enlarged"]), _ssim(r["ssim_svg_enlarged"])
-        text = f"PSNR {score}, SSIM {ssim} against the reference, at {scale:g} times the size"
-        rows["enlarged"] = text
     _print_table(rows, [], r["notes"])
 
 

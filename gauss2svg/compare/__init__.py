@@ -10,10 +10,9 @@ of both. `records` measures the cost of a run and describes the machine.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
-from gauss2svg.options import Interval, OptionGroup, file_path
+from gauss2svg.options import Interval, OptionGroup
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.svg import check_text
 
@@ -25,13 +24,6 @@ class BenchOptions(OptionGroup):
     # The limit is 1e6 s, because system calls refuse a timeout of more than 24 days.
     peer_timeout: Annotated[float, Interval(ge=1e-3, le=1e6)] = 300.0
     """Maximum time (s) that another tool may take for a photo."""
-
-    references: Annotated[Path | None, file_path] = None
-    """Folder with the SVGs that the photos were made from, by the names of the photos: logo.svg for
-    logo.png. Every SVG is also compared with its reference, enlarged."""
-
-    reference_scale: Annotated[float, Interval(ge=1e-3, le=1000)] = 4.0
-    """Factor by which SVGs are enlarged to be compared with their references."""
 
     threads: Annotated[int | None, Interval(ge=1)] = None
     """Number of CPU threads of gauss2svg. The default is one for each core."""

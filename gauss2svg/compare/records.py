@@ -31,7 +31,7 @@ COSTS = ("total_s", "cpu_s", "peak_bytes")  # keys of start_watch
 # Keys that a record of the benchmark has of any file.
 FILE_KEYS = (
     *COSTS, "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
-    "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
+    "hue_error_svg", "hue_error_999_svg", "svg_bytes", "svgz_bytes",
 )  # fmt: skip
 # Further keys, whose values are None in the records of other tools.
 OWN_KEYS = (

@@ -23,7 +23,7 @@ from gauss2svg.compare.variants import AXES
 from gauss2svg.errors import Gauss2SvgError, RendererError
 from gauss2svg.files import SVG_ENDINGS, as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure import packages_missing
-from gauss2svg.measure.check import check, enlarged
+from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
@@ -67,9 +67,8 @@ def run(request: Request) -> Run:
     The file is drawn at the size of the photo and compared with it.
 
     request  has the keys source (path of the photo), tool, settings, options (further options of
-             `vectorize`, among them max_pixels) and peer_timeout (s). If the photo has a reference,
-             the request also has the key reference (path and scale of the reference). If another
-             method has made the file, it has the keys file (path) and numbers, as of `entries_of`.
+             `vectorize`, among them max_pixels) and peer_timeout (s). If another method has made
+             the file, it also has the keys file (path) and numbers, as of `entries_of`.
     Raise Gauss2SvgError if no file is made, or if the file cannot be measured.
     """
     return _by_gauss2svg(request) if request["tool"] == records.TOOL else _by_peer(request)
@@ -100,9 +99,6 @@ def _by_gauss2svg(request: Request) -> Run:
     report = {**result.report, "scores": not packages_missing(), **scores}
     # The gallery itself asks for fragments, so their note is none for its reader.
     report["notes"] = [note for note in report["notes"] if not note.startswith("--fragments")]
-    if reference := request.get("reference"):
-        size = report["width"], report["height"]
-        report |= enlarged(result.svg, reference[0], size, reference[1])
     return Run(result.svg.encode(), report, result.raster, result.photo, cost, result)
 
 
@@ -130,8 +126,7 @@ def _by_peer(request: Request) -> Run:
     if suffix not in SVG_ENDINGS:
         report, raster = _measured_image(data, photo)
         return Run(_as_svg(data, photo), columns | report, raster, photo, cost)
-    source, scale = request.get("reference") or (None, None)
-    result = check(photo, data, reference=source, reference_scale=scale)
+    result = check(photo, data)
     return Run(data, columns | result.report, result.raster, photo, cost)
 
 

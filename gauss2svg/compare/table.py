@@ -7,7 +7,6 @@ there are two plots, which are SVGs: the score over CPU seconds, and the score o
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import operator
 import os
@@ -23,7 +22,6 @@ from gauss2svg.compare.grid import FOLDER, Grid, Task, csv_text
 from gauss2svg.compare.records import COUNTS, TOOL, Row
 from gauss2svg.compare.run import measure_run
 from gauss2svg.compare.variants import GRIDS, Variant, entries_of, peer_variants, settings_of
-from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import PSNR, SCORES, Score
 from gauss2svg.options import file_name
@@ -43,7 +41,6 @@ _COLUMNS = (
     *((axis.title, axis.key, axis.form, 1) for axis in SCORES),
     ("hue error, largest", "hue_error_svg", ".1f", 1),
     ("hue error, 99.9 %", "hue_error_999_svg", ".1f", 1),
-    ("PSNR enlarged, dB", "psnr_svg_enlarged", ".2f", 1),
     ("CPU s", "cpu_s", ".3g", 1),
     ("wall s", "total_s", ".3g", 1),
     ("kB raw", "svg_bytes", ".1f", 1e-3),
@@ -200,7 +197,7 @@ def run_bench(
     peers         other tools, by their names in compare.records.PEERS. Tools that are not
                   installed are skipped. "mine=FOLDER" stands for the files of another method,
                   and "theirs=NUMBERS.csv" for its published numbers.
-    options       limits of the runs, references and the number of threads
+    options       limit of the runs of other tools and the number of threads
     progress      whether to show a bar on a terminal or in a notebook
 
     rows.jsonl, bench.json, bench.csv, summary.md and the plots are written after every run. The
@@ -209,7 +206,6 @@ def run_bench(
     for bad arguments and photos, and OutputError if the folder cannot be written, both before the
     first run.
     """
-    scale = options.reference_scale
     thread_count(options.threads)
     others, absent = peer_variants(peers)
     own = settings_of(*(GRIDS if axes is None else [axes]))
@@ -218,18 +214,14 @@ def run_bench(
     for photo in photos:
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
     entries = {variant: entries_of(variant.files, photos) for variant in variants}
-    sources = {} if options.references is None else _references(photos, options.references)
     of_runs = {"threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
         # Other tools do not use the number of threads.
-        dependencies: list[Any] = [options.threads if variant.is_own else None]
-        parameters: dict[str, Any] = {"options": of_runs, "peer_timeout": options.peer_timeout}
-        if source := sources.get(photo):
-            parameters["reference"] = source, scale
-            dependencies += [hashlib.sha256(source.read_bytes()).hexdigest(), scale]
+        dependencies = (options.threads if variant.is_own else None,)
+        parameters = {"options": of_runs, "peer_timeout": options.peer_timeout}
         entry = entries[variant].get(photo, {})
-        return Task(photo, variant, parameters, tuple(dependencies), {}, entry)
+        return Task(photo, variant, parameters, dependencies, {}, entry)
 
     plan = [task_of(photo, variant) for variant in variants for photo in photos]
     folder = Path(file_name("directory", directory, FOLDER))
@@ -243,16 +235,6 @@ def run_bench(
     return _write_tables(folder, grid, absent)
 
 
-def _references(photos: Sequence[ListedPhoto], folder: Path) -> dict[ListedPhoto, Path]:
-    """Return the path of each photo's reference. Raise InputError if one is missing."""
-    sources = {photo: folder / f"{Path(photo.path).stem}.svg" for photo in photos}
-    for source in sources.values():
-        if not source.is_file():
-            needed = "a folder with an SVG for each photo"
-            raise refusal("references", needed, f"no {source}", "another folder")
-    return sources
-
-
 def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
     """Write the tables and plots of the finished runs, and return the records of these runs."""
     images = list(dict.fromkeys(task.photo.name for task in grid.records))
@@ -264,12 +246,11 @@ def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
     }  # fmt: skip
     cells = [row | ({"psnr_svg": "inf"} if is_exact(row) else {}) for row in rows]
     template = template_environment().overlay(autoescape=False).get_template("summary.md.jinja")
-    enlarged = any(row["psnr_svg_enlarged"] is not None for row in summary)
     text = template.render(
         **document,
         machines=dict.fromkeys(machine_text(row["machine"]) for row in rows),
         left_out=sorted(exact_photos(rows, len(images))),
-        columns=[column for column in _COLUMNS if enlarged or column[1] != "psnr_svg_enlarged"],
+        columns=_COLUMNS,
         tolerance=0.1,  # dB below the Pareto front up to which a setting counts as being on it
         exact={row["label"] for row in cells if row.get("psnr_svg") == "inf"},
     )

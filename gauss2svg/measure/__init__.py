@@ -252,9 +252,6 @@ class CheckOptions(OptionGroup):
     """Background colour for a transparent photo: a name such as white, #fa0 or #ffaa00. If not
     given, transparency is compared too."""
 
-    reference_scale: Annotated[float | None, Interval(ge=1e-6, le=MOST_PIXELS)] = None
-    """Factor by which the SVG is enlarged to compare it with --reference. The default is 4."""
-
 
 def decibels(value: float | None) -> str:
     """Return a report's PSNR in dB as text. None stands for equal images and becomes "equal"."""

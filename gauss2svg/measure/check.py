@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,18 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import refusal
 from gauss2svg.measure import CheckOptions
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
-from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
+from gauss2svg.photo.pixels import Photo, has_alpha, matte_color, over, pixels_of
 from gauss2svg.raster import AT_REST, BROWSERS, MOVING, refuse_unsupported, renderer_version, uses
 from gauss2svg.raster.isolated import draw
 from gauss2svg.svg.file import (
-    BLANKS,
     Frame,
     SvgSource,
     file_bytes,
@@ -52,9 +48,6 @@ class CheckResult:
     renderer       name and version of the renderer
     psnr_black     PSNR over black in dB, None if the photo is opaque
     psnr_alpha     PSNR of the alpha channel in dB, None if the photo is opaque
-    psnr_enlarged  PSNR in dB of the enlarged SVG against the reference, None without a reference.
-                   Its size is `reference_scale` times that of the photo
-    ssim_enlarged  SSIM of the enlarged SVG against the reference, None without a reference
     ssimulacra2    SSIMULACRA2, None if it is not measured. If the photo has alpha, the worse of the
                    values over white and over black
     flip           FLIP, None if it is not measured. If the photo has alpha, the worse value again
@@ -118,8 +111,6 @@ class CheckResult:
 def check(
     photo: ImageSource,
     svg: SvgSource,
-    *,
-    reference: ImageSource | SvgSource | None = None,
     **options: Any,
 ) -> CheckResult:
     """Rasterise an SVG at the size of a photo, and measure how closely it matches the photo.
@@ -131,9 +122,6 @@ def check(
     photo          any image that `vectorize` accepts
     svg            a path, text that begins with <, bytes or a binary file, which may be gzipped, or
                    a Result of `vectorize`
-    reference      larger picture from which the photo was made. The SVG is enlarged and compared
-                   with it too. It is an SVG, or a picture that has at least reference_scale times
-                   the photo's width and height
     options        fields of gauss2svg.measure.CheckOptions:
       renderer         one of RENDERERS
       max_svg_bytes    largest size of the SVG without compression: 256000000, "256M"
@@ -143,8 +131,6 @@ def check(
       max_size         longest side in px to which a larger photo is reduced before the comparison
       matte            colour, such as white or #fa0, over which the photo is composited first.
                        If None, the photo keeps its alpha, which is compared too
-      reference_scale  factor by which the SVG is enlarged from the photo's size to compare it
-                       with the reference, >= 1e-6. None: 4
 
     The SVG is not trusted. Entities, references to anything outside the file, and files beyond the
     limits are refused. A separate process draws the SVG, and on Linux its memory is limited.
@@ -155,19 +141,14 @@ def check(
     asked = CheckOptions(**options)
     renderer = renderer_version(asked.renderer)
     matte = None if asked.matte is None else matte_color(asked.matte)
-    if asked.reference_scale is not None and reference is None:
-        advice = "--reference with the photo's source"
-        raise refusal("reference", "given for reference_scale", "none", advice)
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
     pixels, size = pixels_of(picture), (picture.width, picture.height)
     data, text = read_source(getattr(svg, "svg", svg), int(asked.max_svg_bytes))
-    larger: dict[str, Any] = dict.fromkeys(
-        ("reference_scale", "psnr_svg_enlarged", "ssim_svg_enlarged")
-    )
-    if reference is not None:
-        scale, behind = asked.reference_scale or 4.0, WHITE if matte is None else matte
-        larger = enlarged(text, reference, size, scale, asked, behind)
-    surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)
+    text = from_root(text)
+    surveyed = Survey(text, asked.max_elements)
+    frame = frame_of(surveyed.root)
+    refuse_unsupported(text, asked.renderer)
+    sized_text = stretched(text, *size, " ".join(f"{v!r}" for v in frame.view_box))
     drawing = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
     raster = drawing.pixels
     measured = {
@@ -175,91 +156,11 @@ def check(
         **measure_pixels(raster, pixels),
         "svg_bytes": len(data),
         "svgz_bytes": len(file_bytes(data, gzipped=True)),
-        **larger,
         **perceptual_scores(raster, pixels),
     }
     unknown = [*(f"<{name}>" for name in surveyed.unknown), *drawing.unread]
     notes = _notes(surveyed, frame, picture, asked.renderer, unknown, uses(text, MOVING))
     return CheckResult(measured, surveyed, frame, raster, pixels, tuple(notes))
-
-
-def enlarged(
-    text: str,
-    reference: ImageSource | SvgSource,
-    size: tuple[int, int],
-    scale: float,
-    options: CheckOptions = CheckOptions(),
-    matte: float | tuple[float, float, float] = WHITE,
-) -> dict[str, Any]:
-    """Draw the SVG `text` at `scale` times the photo's size, and compare it with the reference.
-
-    Return the scale and the scores, by their keys in a report. Both pictures are composited over
-    white.
-
-    reference  larger picture from which the photo was made: an SVG, or a picture that has at least
-               the enlarged size
-    size       width and height of the photo in px
-    matte      colour in 0..1 over which a transparent reference is composited
-
-    Raise InputError and RendererError as `check` does.
-    """
-    width, height = (max(1, round(scale * side)) for side in size)
-    shown, advice = f"{width}x{height}", "a smaller --reference-scale or --max-size"
-    if width * height > MOST_PIXELS:
-        needed = f"a size of at most {MOST_PIXELS} px"
-        raise refusal("photo times reference_scale", needed, shown, advice)
-
-    def drawn_over(svg: str, color: float | tuple[float, float, float]) -> NDArray[np.float32]:
-        sized_text = sized_svg(svg, width, height, options.renderer, options.max_elements)[2]
-        # Browsers rasterise twice as fast if no alpha channel is wanted.
-        channels = 3 if color == WHITE else 4
-        drawing = draw(sized_text, width, height, options.renderer, options.draw_timeout, channels)
-        return over(drawing.pixels, color)
-
-    if _is_svg(reference):
-        reference_pixels = drawn_over(read_source(reference, int(options.max_svg_bytes))[1], matte)
-    else:
-        picture = load_image(reference, max_pixels=options.max_pixels)
-        if picture.width < width or picture.height < height:
-            most = min(picture.width / size[0], picture.height / size[1])
-            needed = f"at least {shown} px, {scale:g} times the photo's"
-            got, advice = f"{picture.width}x{picture.height}", f"--reference-scale {most:.3g}"
-            raise refusal("size of the reference", needed, got, f"an SVG, or {advice}")
-        reference_pixels = shrunk(over(pixels_of(picture), matte), height, width)
-    measured = measure_pixels(drawn_over(text, WHITE), reference_pixels)
-    scores = {f"{name}_enlarged": measured[name] for name in ("psnr_svg", "ssim_svg")}
-    return {"reference_scale": float(scale), **scores}
-
-
-def _is_svg(source: ImageSource | SvgSource) -> bool:
-    """Return whether a source is an SVG and not a picture.
-
-    Bytes and text are judged by how they begin, and paths by their suffix. A binary file counts as
-    a picture.
-    """
-    data = source
-    if isinstance(source, (str, os.PathLike)):
-        data = os.fsdecode(source).encode(errors="replace")
-    if not isinstance(data, bytes):
-        return False
-    is_text = data.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
-    return is_text or data.lower().endswith((b".svg", b".svgz"))
-
-
-def sized_svg(
-    text: str, width: int, height: int, renderer: str, most_elements: int
-) -> tuple[Survey, Frame, str]:
-    """Survey an untrusted SVG, and stretch it to width x height px.
-
-    Return the survey, the frame of the SVG before it is stretched, and the stretched text.
-    Raise InputError and RendererError as `check` does.
-    """
-    text = from_root(text)
-    surveyed = Survey(text, most_elements)
-    frame = frame_of(surveyed.root)
-    refuse_unsupported(text, renderer)
-    sized_text = stretched(text, width, height, " ".join(f"{v!r}" for v in frame.view_box))
-    return surveyed, frame, sized_text
 
 
 def _notes(

@@ -8,7 +8,7 @@ from batches import PoolHere
 from galleries import cells_expected, cells_of, save
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare import BenchOptions, table
+from gauss2svg.compare import table
 from gauss2svg.compare.records import COUNTS
 from gauss2svg.compare.table import run_bench, summarise
 from gauss2svg.errors import InputError
@@ -65,24 +65,13 @@ def test_real_run_has_all_that_was_promised_and_a_failing_one_is_an_error_row(
 
 @pytest.mark.process
 def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys):
-    """A run is another one where a source of its enlargement is another one."""
-    out, references = tmp_path / "out", {"references": tmp_path}
+    out = tmp_path / "out"
     first = run_bench([picture], out, axes={"gaussians": [5, 13]})
     rows = run_bench([picture], out, axes={"gaussians": [5, 13, 7]})
     assert [request["settings"]["gaussians"] for request in requests] == [5, 13, 13, 7]
     assert rows[0] == first[0]
     assert main(["bench", str(picture), "-o", str(out), "--axis", "gaussians=5,7"]) == 0
     assert "2 done, 0 failed" in capsys.readouterr().err
-    for text, options, count in (
-        ("<svg/>", references, 1), ("<svg/>", references, 0), ("<svg></svg>", references, 1),
-        ("<svg></svg>", references | {"reference_scale": 2}, 1),
-    ):  # fmt: skip
-        requests.clear()
-        (tmp_path / "photo.svg").write_text(text)
-        run_bench([picture], out, axes={"gaussians": [5]}, options=BenchOptions(**options))
-        assert len(requests) == count
-    with pytest.raises(InputError, match="references must be a folder with an SVG for each photo"):
-        run_bench([picture], out, options=BenchOptions(references=out))
 
 
 @pytest.mark.process

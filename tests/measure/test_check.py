@@ -13,11 +13,8 @@ from PIL import Image
 
 import gauss2svg
 from gauss2svg.cli.main import main
-from gauss2svg.errors import InputError, RendererError
-from gauss2svg.measure import metrics
+from gauss2svg.errors import RendererError
 from gauss2svg.measure.heatmap import colors_of, heatmap
-from gauss2svg.photo.pixels import shrunk
-from gauss2svg.raster import rasterize
 
 XMLNS = 'xmlns="http://www.w3.org/2000/svg"'
 HALVES = '<rect width="8" height="8" fill="#00f"/><rect width="4" height="8" fill="#f00"/>'
@@ -137,14 +134,14 @@ def test_command_writes_what_was_asked_for_and_too_low_a_psnr_is_status_one(
 ):
     photo, svg, result = fitted
     heat, preview, report = (tmp_path / name for name in ("h.png", "p.png", "r.json"))
-    asked = ["--heatmap", heat, "--preview", preview, "--report", report, "--reference", svg]
-    command = ["check", *map(str, [photo, svg, *asked, "--reference-scale", 2, "--min-psnr"])]
+    asked = ["--heatmap", heat, "--preview", preview, "--report", report]
+    command = ["check", *map(str, [photo, svg, *asked, "--min-psnr"])]
     assert main([*command, str(result.report["psnr_svg"] - 0.01)]) == 0
     out, err = capsys.readouterr()
     assert out == ""
-    for word in ("out.svg", "circle", "gzipped", "PSNR", "SSIM", "resvg", "enlarged"):
+    for word in ("out.svg", "circle", "gzipped", "PSNR", "SSIM", "resvg"):
         assert word in err
-    checked = gauss2svg.check(photo, svg, reference=svg, reference_scale=2)
+    checked = gauss2svg.check(photo, svg)
     assert json.loads(report.read_text()) == checked.report
     with Image.open(preview) as drawn:
         np.testing.assert_array_equal(np.asarray(drawn), np.round(result.raster * 255))
@@ -172,51 +169,7 @@ def test_a_renderer_that_crashes_or_takes_too_long_is_an_error(halves):
         gauss2svg.check(halves, f'<svg {XMLNS} viewBox="0 0 8 8"/>', draw_timeout=0.001)
 
 
-ENLARGED = ("reference_scale", "psnr_svg_enlarged", "ssim_svg_enlarged")
 DISC = f'<svg {XMLNS} viewBox="0 0 8 8"><circle cx="4" cy="4" r="{{}}" fill="#06c"/></svg>'
-
-
-def drawn_at(svg, side):
-    return rasterize(svg, side, side)
-
-
-def test_reference_is_what_the_svg_is_compared_with_enlarged(drawn_here):
-    source, other = DISC.format(3), DISC.format(2.9)
-    checked = gauss2svg.check(drawn_at(source, 16), other, reference=source)
-    expected = metrics.psnr(drawn_at(other, 64), drawn_at(source, 64))
-    assert [checked.report[name] for name in ENLARGED[:2]] == [4, pytest.approx(expected)]
-    assert checked.ssim_enlarged < 1
-    exact = gauss2svg.check(drawn_at(source, 16), source, reference=source, reference_scale=2.5)
-    assert exact.psnr_enlarged == np.inf
-    assert exact.report["psnr_svg_enlarged"] is None
-    larger = drawn_at(DISC.format(3.1), 96)  # a picture is shrunk
-    by_picture = gauss2svg.check(drawn_at(source, 16), source, reference=larger, reference_scale=3)
-    expected = metrics.psnr(drawn_at(source, 48), shrunk(larger, 48, 48))
-    assert by_picture.psnr_enlarged == pytest.approx(expected)
-    without = gauss2svg.check(drawn_at(source, 16), source).report
-    assert by_picture.report | dict.fromkeys(ENLARGED) == without
-
-
-@pytest.mark.parametrize("reference", [np.zeros((16, 16, 4)), f'<svg {XMLNS} viewBox="0 0 8 8"/>'])
-def test_a_clear_reference_is_seen_over_the_matte_of_the_photo(reference, drawn_here):
-    black = DISC.format(9).replace("#06c", "#000")
-    given = {"matte": "black", "reference": reference, "reference_scale": 2}
-    assert gauss2svg.check(np.zeros((8, 8, 3)), black, **given).psnr_enlarged == np.inf
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"reference_scale": 0}, "reference_scale must be"),
-        ({"reference_scale": 1e4}, "of at most .* Try a small"),
-        ({"reference": np.zeros((24, 48, 3))},
-         "at least 64x64 px, 4 times the photo's; got 48x24. Try an SVG, or --reference-scale 1.5"),
-        ({"reference": "<svg/>"}, "SVG"),
-    ],
-)  # fmt: skip
-def test_reference_that_cannot_be_used_is_refused(given, message, halves, drawn_here):
-    with pytest.raises(InputError, match=message):
-        gauss2svg.check(halves, DISC.format(3), **{"reference": DISC.format(3), **given})
 
 
 @pytest.mark.process
