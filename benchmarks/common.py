@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import maximum_filter, uniform_filter
 from skimage import data
 
 from gauss2svg import Result
@@ -173,3 +174,27 @@ def line(cells: Any) -> str:
 def head(names: list[str]) -> str:
     """Return the first two lines of a Markdown table."""
     return f"{line(names)}\n|{'---|' * len(names)}"
+
+
+def flat_error(image: Pixels, reference: Pixels) -> float:
+    """Return the mean error of the worst thousandth of the flat pixels, in levels of 255.
+
+    A pixel is flat if the reference has no step of 0.02 or more within 4 px of it. A pixel's error
+    is the error of its worst channel. Return NaN if no pixel is flat.
+
+    This error shows streaks across paper or a flat colour, which hardly change the mean squared
+    error (docs/decisions/metrics.md). It grows with the contrast, the length and the number of the
+    streaks.
+    """
+    steep = np.zeros(reference.shape[:2], bool)
+    for axis in (0, 1):  # the pixels on both sides of a steep step are marked
+        steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= 0.02
+        lead = (slice(None),) * axis
+        steep[(*lead, slice(1, None))] |= steps
+        steep[(*lead, slice(-1))] |= steps
+    flat = np.logical_not(maximum_filter(steep, size=9))
+    errors = np.abs(np.subtract(image[flat], reference[flat], dtype=np.float64)).max(axis=1)
+    if not errors.size:
+        return math.nan
+    worst = math.ceil(errors.size / 1000)
+    return float(np.partition(errors, -worst)[-worst:].mean()) * 255

@@ -58,6 +58,7 @@ from common import (
     command_line,
     drawn,
     eight_bits,
+    flat_error,
     head,
     line,
     pictures,
@@ -117,7 +118,7 @@ SCORES = {
         lambda file, picture: perceptual.ssimulacra2(file.raster, picture.pixels), max,
     ),
     "flip": (lambda file, picture: perceptual.flip(file.raster, picture.pixels), min),
-    "flat": (lambda file, picture: metrics.flat_error(file.raster, picture.pixels), min),
+    "flat": (lambda file, picture: flat_error(file.raster, picture.pixels), min),
     "hue": (lambda file, picture: local_hue_error(file.raster, picture.pixels).worst, min),
     "hue_999": (lambda file, picture: local_hue_error(file.raster, picture.pixels).percentile, min),
 }  # fmt: skip

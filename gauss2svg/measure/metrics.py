@@ -121,32 +121,6 @@ def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     return total / image.size * 255
 
 
-def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
-    """Return the mean error of the worst thousandth of the flat pixels, in levels of 255.
-
-    A pixel is flat if the reference has no step of 0.02 or more within 4 px of it. A pixel's error
-    is the error of its worst channel. Return NaN if no pixel is flat.
-
-    This error shows streaks across paper or a flat colour, which hardly change the mean squared
-    error (docs/decisions/metrics.md). It grows with the contrast, the length and the number of the
-    streaks.
-    """
-    from scipy.ndimage import maximum_filter
-
-    steep = np.zeros(reference.shape[:2], bool)
-    for axis in (0, 1):  # the pixels on both sides of a steep step are marked
-        steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= 0.02
-        lead = (slice(None),) * axis
-        steep[(*lead, slice(1, None))] |= steps
-        steep[(*lead, slice(-1))] |= steps
-    flat = np.logical_not(maximum_filter(steep, size=9))
-    errors = np.abs(np.subtract(image[flat], reference[flat], dtype=np.float64)).max(axis=1)
-    if not errors.size:
-        return math.nan
-    worst = math.ceil(errors.size / 1000)
-    return float(np.partition(errors, -worst)[-worst:].mean()) * 255
-
-
 WINDOW = 9  # px, side of the box over which errors are averaged (docs/decisions/metrics.md)
 # XYZ of linear sRGB light (IEC 61966-2-1). Each row is divided by its sum, which is the XYZ of the
 # white point D65, so that a and b of grey are 0.

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from common import flat_error
 from flat import fit_config, vectorize
 from pictures import antialiased_badge
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -25,7 +26,7 @@ def test_sharp_shapes_fit_a_drawing_that_gaussians_smear():
     assert (soft.beta == 1).all()
     drawn = [render(scene) for scene in (soft, sharp)]
     assert metrics.psnr(drawn[1], picture) > metrics.psnr(drawn[0], picture) + 3
-    assert metrics.flat_error(drawn[1], picture) < metrics.flat_error(drawn[0], picture)
+    assert flat_error(drawn[1], picture) < flat_error(drawn[0], picture)
     assert (sharp.beta > 2).mean() > 0.4
 
 
