@@ -40,9 +40,6 @@ def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
     if not name:
         lines = "\n".join(f"{command:13}{line}" for command, (line, _) in COMMANDS.items())
         parser.add_argument_group("Commands, each with its own --help", lines)
-    if "--help-all" in words:
-        line = "python -m gauss2svg.cli.completion bash, zsh or fish prints it. It needs shtab."
-        parser.add_argument_group("Completion of a shell", line)
     about = parser.add_argument_group("About")
     about.add_argument("-h", "--help", action="store_true", help="Show this help.")
     if not name:
