@@ -1,5 +1,6 @@
 """The command `gauss2svg check`, imported only when it is run."""
 
+import math
 import os
 import sys
 from dataclasses import dataclass
@@ -92,10 +93,11 @@ def run(given: dict[str, Any]) -> int:
                 status = 2
                 continue
             records.append({"photo": photo, "svg": svg, **result.report})
-            lines += [] if is_one else [f"{svg}: {note}" for note in result.notes]
+            lines += [] if is_one else [f"{svg}: {note}" for note in result.report["notes"]]
             makers = {"heatmap": result.heatmap, "preview": partial(files.as_png, result.raster)}
             contents |= {path: makers[name]() for name, path in pictures.items()}
-            lowest = min(p for p in (result.psnr, result.psnr_black) if p is not None)
+            psnrs = [result.report[key] for key in ("psnr_svg", "psnr_svg_black")]
+            lowest = min((psnr for psnr in psnrs if psnr is not None), default=math.inf)
             if output.min_psnr is not None and lowest < output.min_psnr:
                 limit = f"below --min-psnr {output.min_psnr:g}"
                 lines.append(f"{svg}: PSNR is {lowest:.2f} dB, {limit}")

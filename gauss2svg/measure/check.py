@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.measure import CheckOptions
+from gauss2svg.measure import CheckOptions, decibels
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
@@ -32,68 +31,16 @@ from gauss2svg.svg.untrusted import Survey
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """Scores of an SVG against a photo. Both are composited over white unless said otherwise.
+    """The comparison of an SVG with a photo.
 
-    measured       what follows, by the keys of `report`. Each is also an attribute of its name:
-    psnr           dB, infinite if equal
-    ssim           -1..1, None under 11 px a side
-    largest_error  largest error of any channel, in levels of 255
-    bias           mean of the SVG's raster minus the photo, in levels of 255
-    hue_error      largest local error of hue (metrics.local_hue_error). If the photo has alpha, it
-                   is the larger one of those over white and over black
-    hue_error_at   place [x, y] of that error in px of the raster
-    hue_error_999  99.9th percentile of the local errors of hue
-    svg_bytes      bytes of the file without compression
-    svgz_bytes     bytes of the file after gzip at level 9
-    renderer       name and version of the renderer
-    psnr_black     PSNR over black in dB, None if the photo is opaque
-    psnr_alpha     PSNR of the alpha channel in dB, None if the photo is opaque
-    ssimulacra2    SSIMULACRA2, None if it is not measured. If the photo has alpha, the worse of the
-                   values over white and over black
-    flip           FLIP, None if it is not measured. If the photo has alpha, the worse value again
-    scores_missing  lines that say why SSIMULACRA2 or FLIP is None
-
-    survey         counts of the SVG's elements
-    frame          width, height and viewBox that the SVG itself has
+    report         scores, counts and notes for JSON. docs/reference/report.md explains the keys
     raster, photo  (h, w, 3) float32 in 0..1: the SVG's raster, and the photo as it was compared.
                    (h, w, 4) if the photo has alpha
-    notes          remarks on the comparison
     """
 
-    measured: dict[str, Any]
-    survey: Survey
-    frame: Frame
+    report: dict[str, Any]
     raster: NDArray[np.float32]
     photo: NDArray[np.float32]
-    notes: tuple[str, ...]
-
-    def __getattr__(self, name: str) -> Any:
-        measured = {k.replace("_svg", ""): v for k, v in vars(self).get("measured", {}).items()}
-        if name not in measured:
-            raise AttributeError(name)
-        return measured[name]
-
-    @cached_property
-    def report(self) -> dict[str, Any]:
-        """Scores and counts for JSON. docs/reference/report.md explains the keys."""
-        height, width = self.photo.shape[:2]
-        tags = self.survey.tags
-        report = {
-            "width": width,
-            "height": height,
-            "svg_width": self.frame.width,
-            "svg_height": self.frame.height,
-            "view_box": list(self.frame.view_box),
-            "transparent": has_alpha(self.photo),
-            **self.measured,
-            "elements": self.survey.elements,
-            "elements_by_tag": dict(tags),
-            "groups": tags.get("g", 0),
-            "layers": self.survey.layers,
-            "notes": list(self.notes),
-        }
-        # JSON has no infinity, which is the PSNR of equal pictures.
-        return {key: None if value == math.inf else value for key, value in report.items()}
 
     def heatmap(self) -> bytes:
         """Return a PNG that shows the error at each pixel over white.
@@ -103,9 +50,10 @@ class CheckResult:
         return heatmap(over(self.raster), over(self.photo))
 
     def __repr__(self) -> str:
-        height, width = self.photo.shape[:2]
-        size = f"{self.survey.elements} elements, {self.svg_bytes} bytes"
-        return f"<gauss2svg.CheckResult {width}x{height}, {self.psnr:.2f} dB, {size}>"
+        r = self.report
+        size = f"{r['elements']} elements, {r['svg_bytes']} bytes"
+        match = decibels(r["psnr_svg"])
+        return f"<gauss2svg.CheckResult {r['width']}x{r['height']}, {match}, {size}>"
 
 
 def check(
@@ -151,16 +99,28 @@ def check(
     sized_text = stretched(text, *size, " ".join(f"{v!r}" for v in frame.view_box))
     drawing = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
     raster = drawing.pixels
-    measured = {
+    unknown = [*(f"<{name}>" for name in surveyed.unknown), *drawing.unread]
+    report = {
+        "width": size[0],
+        "height": size[1],
+        "svg_width": frame.width,
+        "svg_height": frame.height,
+        "view_box": list(frame.view_box),
+        "transparent": has_alpha(pixels),
         "renderer": renderer,
         **measure_pixels(raster, pixels),
         "svg_bytes": len(data),
         "svgz_bytes": len(file_bytes(data, gzipped=True)),
         **perceptual_scores(raster, pixels),
+        "elements": surveyed.elements,
+        "elements_by_tag": dict(surveyed.tags),
+        "groups": surveyed.tags.get("g", 0),
+        "layers": surveyed.layers,
+        "notes": _notes(surveyed, frame, picture, asked.renderer, unknown, uses(text, MOVING)),
     }
-    unknown = [*(f"<{name}>" for name in surveyed.unknown), *drawing.unread]
-    notes = _notes(surveyed, frame, picture, asked.renderer, unknown, uses(text, MOVING))
-    return CheckResult(measured, surveyed, frame, raster, pixels, tuple(notes))
+    # JSON has no infinity, which is the PSNR of equal pictures.
+    finite = {key: None if value == math.inf else value for key, value in report.items()}
+    return CheckResult(finite, raster, pixels)
 
 
 def _notes(
