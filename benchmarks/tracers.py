@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from gauss2svg.compare.records import start_watch
 from gauss2svg.files import as_png
 from gauss2svg.photo.load import WHITE_MATTE, load_image
-from gauss2svg.photo.pixels import pixels_of
 
 VTRACER1 = """import json, sys, vtracer
 vtracer.Config(**json.loads(sys.argv[1])).convert_file(sys.argv[2], sys.argv[3])"""
@@ -98,7 +97,7 @@ def draw(
         rows = csv.DictWriter(table, ["photo", "total_s", "cpu_s"], extrasaction="ignore")
         rows.writeheader()
         for photo in photos:
-            pixels = pixels_of(load_image(photo, matte=WHITE_MATTE, needed=side))
+            pixels = load_image(photo, matte=WHITE_MATTE, needed=side).pixels
             out = folder / f"{Path(photo).stem}.svg"
             rows.writerow({"photo": photo} | draw_one(STYLES[style], pixels, out, timeout_s))
     return folder

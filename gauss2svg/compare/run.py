@@ -28,7 +28,7 @@ from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo.load import WHITE_MATTE, header_of, load_image
-from gauss2svg.photo.pixels import over, pixels_of, shrunk
+from gauss2svg.photo.pixels import over, shrunk
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
 from gauss2svg.pool import Pool
@@ -180,7 +180,7 @@ def make_photo(request: Request) -> dict[str, Any]:
     Raise InputError if the photo cannot be read, and OutputError if a file cannot be written.
     """
     photo = load_image(request["source"], needed=request["photo_size"])
-    pixels = pixels_of(photo)
+    pixels = photo.pixels
     shown = Image.fromarray(np.round(pixels * 255).astype(np.uint8))
     webp = saved(lambda stream: shown.save(stream, "WEBP", lossless=True, exact=True))
     _write(request["folder"], {"photo.webp": webp, "thumbnail.png": _thumbnail(pixels)})

@@ -38,7 +38,6 @@ from gauss2svg.photo.pixels import (
     SizeNeeded,
     has_alpha,
     over,
-    pixels_of,
     reduced_size,
     shrunk,
     unit,
@@ -108,12 +107,12 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     dpi = stored.dpi if stored.dpi and min(stored.dpi) > 0 else None
     if dpi and orientation in SWAPPED:
         dpi = dpi[1], dpi[0]
-    color, alpha = upright(color, orientation), None
+    color = upright(color, orientation)
     color = np.ascontiguousarray(color if color.shape[2] == 3 else color.repeat(3, axis=2))
     if stored.alpha is not None and (pixels[:, :, -1] < 1).any():
-        alpha = upright(pixels[:, :, -1], orientation)
-        color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
-    return Photo(color, stored.upright_size, (*turned, *stored.notes, *notes), dpi, alpha)
+        alpha = upright(pixels[:, :, -1:], orientation)
+        color = np.dstack([np.where(alpha > 0, color, np.float32(0)), alpha])
+    return Photo(color, stored.upright_size, (*turned, *stored.notes, *notes), dpi)
 
 
 def _picture(stored: StoredImage, size: Size | None) -> Any:
@@ -210,7 +209,7 @@ def load_image(
     Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     stored, name = _stored(source, max_pixels)
     photo = decoded(stored, name, needed)
-    brightest = float(photo.pixels.max())
+    brightest = float(photo.pixels[:, :, :3].max())
     if 0 < brightest <= DARK:
         note = f"brightest sample is {brightest:.3f} of white; scale samples of 12 bits by 16 first"
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
@@ -219,12 +218,11 @@ def load_image(
     color = np.asarray(matte, np.float32)
     if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
         raise refusal("matte", "three numbers in 0..1: red, green, blue", quoted(matte))
-    if photo.alpha is None:
+    if not has_alpha(photo.pixels):
         return photo
     name = bytes(np.round(255 * color).astype(np.uint8)).hex()
     notes = (*photo.notes, f"composited over #{name}")
-    pixels = over(pixels_of(photo), tuple(color))
-    return dataclasses.replace(photo, pixels=pixels, alpha=None, notes=notes)
+    return dataclasses.replace(photo, pixels=over(photo.pixels, tuple(color)), notes=notes)
 
 
 def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pixels: int) -> Focus:
@@ -269,10 +267,8 @@ def reduced(photo: Photo, size: Size) -> Photo:
     """
     if size == (photo.width, photo.height):
         return photo
-    pixels = shrunk(pixels_of(photo), size[1], size[0], sharp=True)
-    alpha = np.ascontiguousarray(pixels[:, :, 3]) if has_alpha(pixels) else None
-    color = np.ascontiguousarray(pixels[:, :, :3])
-    return dataclasses.replace(photo, pixels=color, alpha=alpha)
+    pixels = shrunk(photo.pixels, size[1], size[0], sharp=True)
+    return dataclasses.replace(photo, pixels=pixels)
 
 
 def rereadable(source: ImageSource) -> ImageSource:

@@ -56,19 +56,17 @@ class Header:
 class Photo:
     """A decoded photo.
 
-    pixels         (height, width, 3) float32 sRGB in 0..1, not premultiplied. Colours are 0 where
-                   alpha is 0
+    pixels         float32 sRGB in 0..1: (height, width, 3) if every pixel is opaque, else
+                   (height, width, 4) with straight alpha. Colours are 0 where alpha is 0
     original_size  width and height in px of the upright photo before any reduction
     notes          notes on the conversions during loading, for the report
     dpi            px per inch across and down, from the file's resolution tag. None if not known
-    alpha          (height, width) float32 in 0..1. None if every pixel is opaque
     """
 
     pixels: NDArray[np.float32]
     original_size: tuple[int, int]
     notes: tuple[str, ...] = ()
     dpi: tuple[float, float] | None = None
-    alpha: NDArray[np.float32] | None = None
 
     @property
     def width(self) -> int:
@@ -154,13 +152,6 @@ def elongation(width: int, height: int) -> float:
 def has_alpha(pixels: NDArray[np.floating]) -> bool:
     """Return whether an image has an alpha channel. If it has none, its shape is (h, w, 3)."""
     return pixels.shape[2] == 4
-
-
-def pixels_of(photo: Photo) -> NDArray[np.float32]:
-    """Return the pixels of a photo: (h, w, 3) if the photo is opaque, (h, w, 4) if it has alpha."""
-    if photo.alpha is None:
-        return photo.pixels
-    return np.dstack([photo.pixels, photo.alpha])
 
 
 def shrunk(

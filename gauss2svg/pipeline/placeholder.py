@@ -18,7 +18,7 @@ from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.errors import quoted, refusal, several
 from gauss2svg.options import Field, byte_size
 from gauss2svg.photo.load import ImageSource
-from gauss2svg.photo.pixels import Size, averaged, elongation, has_alpha, pixels_of, shrunk
+from gauss2svg.photo.pixels import Size, averaged, elongation, has_alpha, shrunk
 from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.options import ALWAYS, Options, ProgressCallback
 from gauss2svg.pipeline.outcome import Subject
@@ -191,7 +191,7 @@ def placeholder(
     with watched(progress) as callback:
         run = Run(options.run, callback, stop)
         photo = run.read(image, needed=_size_read)
-        pixels = pixels_of(photo)
+        pixels = photo.pixels
         subject = Subject(pixels, pixels, photo.original_size, bytes_of=count)
         has_areas = may_have_areas(pixels)
         with run.threaded():

@@ -19,7 +19,7 @@ from gauss2svg.measure import NO_SCORES, SCORES, decibels
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import paint_ms, round_trip, shown_width
 from gauss2svg.options import flag_of
-from gauss2svg.photo.pixels import Photo, over, pixels_of, shrunk
+from gauss2svg.photo.pixels import Photo, has_alpha, over, shrunk
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
@@ -44,11 +44,11 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
     fitted, options, count = outcome.fitted, plan.options, len(file.scene)
     scored = round_trip(svg, file.scene, subject.photo, raster)
     scores, shown = _scores(plan, outcome, run), shown_width(document, file.scene)
-    psnr_photo = psnr(raster, pixels_of(photo)) if plan.sketch else scored["psnr_svg"]
+    psnr_photo = psnr(raster, photo.pixels) if plan.sketch else scored["psnr_svg"]
     scored |= {**_by_focus(outcome), "psnr_photo": psnr_photo}
     total_s = time.perf_counter() - run.started
     counts, found = AreaCounts.of(file.scene.areas), outcome.found
-    text, pixels = json.dumps(options.of_picture(), sort_keys=True), pixels_of(photo)
+    text, pixels = json.dumps(options.of_picture(), sort_keys=True), photo.pixels
     digest = hashlib.sha256(str(pixels.shape).encode())
     digest.update(np.ascontiguousarray(pixels, "<f4").data)
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
@@ -95,7 +95,7 @@ def run_report(plan: Plan, photo: Photo, outcome: Outcome, run: Run) -> dict[str
         "bytes_by_part": bytes_by_part(svg),
         "paint_ms": paint_ms(file.scene, svg, shown),
         "paint_width": shown,
-        "transparent": photo.alpha is not None,
+        "transparent": has_alpha(photo.pixels),
         "notes": [*photo.notes, *outcome.notes, *_notes(plan, photo, outcome, psnr_photo)],
         # The digest of the shape of the pixels as text, and of their float32 bytes.
         "pixels_sha256": digest.hexdigest(),
@@ -164,7 +164,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
     """
     scene, raster = outcome.file.scene, outcome.raster
     # If the bytes suffice for no shape, `unreached` reports it.
-    is_clear = photo.alpha is not None and photo.alpha.any()
+    is_clear = has_alpha(photo.pixels) and photo.pixels[:, :, 3].any()
     is_empty = not len(scene) and not scene.areas
     if is_clear and is_empty and outcome.fitted.stop_reason != "max_bytes":
         yield "the SVG is empty, because the photo is too transparent to be visible"

@@ -21,7 +21,7 @@ from gauss2svg.fit import FitOptions, FitResult
 from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
-from gauss2svg.photo.pixels import Header, Photo, Size, averaged, matte_color, pixels_of, shrunk
+from gauss2svg.photo.pixels import Header, Photo, Size, averaged, has_alpha, matte_color, shrunk
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
@@ -248,9 +248,9 @@ def vectorize_by(
     strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
     mask = None if focus is None else load_focus(focus, strength, photo, max_pixels)
     measured = reduced(photo, load.measured)
-    pixels = working = pixels_of(measured)
+    pixels = working = measured.pixels
     if load.fit != load.measured:
-        working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
+        working = shrunk(photo.pixels, *load.fit[::-1], sharp=True)
     sketch = evened(pixels, working, options.fit.inks) if plan.may_even_paper else None
     if sketch is not None:
         pixels, working, inks = sketch
@@ -258,7 +258,7 @@ def vectorize_by(
     is_drawn = plan.may_be_exact and not plan.sketch
     sprite = _sprite(plan, run, image, photo) if is_drawn else None
     is_whole = _is_whole(run, load)
-    whole = pixels_of(photo) if is_whole and photo is not measured else None
+    whole = photo.pixels if is_whole and photo is not measured else None
     plan = plan.for_picture(pixels, whole)
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
         from gauss2svg.areas.clean import enlargement_of  # loads the kernels of areas
@@ -268,7 +268,7 @@ def vectorize_by(
             working = pixels
         else:
             # Outlines would follow the rings of the filter that keeps photos sharp.
-            working = averaged(pixels_of(photo), *load.fit[::-1])
+            working = averaged(photo.pixels, *load.fit[::-1])
     subject = Subject(
         pixels, working, photo.original_size,
         document=options.document.of_photo(*photo.original_size, photo.dpi),
@@ -318,10 +318,10 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
         return (width, height) if _is_whole(run, load) else load.measured
 
     photo = run.read(image, size_needed, _matte(plan))
-    if photo.alpha is not None and plan.options.written_blend == ADD:
+    if has_alpha(photo.pixels) and plan.options.written_blend == ADD:
         advice = "--matte white, or --portable"
         raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
-    load, note = sizes(*photo.original_size, has_alpha=photo.alpha is not None)
+    load, note = sizes(*photo.original_size, has_alpha=has_alpha(photo.pixels))
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
     (width, height), score = load.measured, plan.goal.target
@@ -341,11 +341,11 @@ def _sprite(plan: Plan, run: Run, image: ImageSource, photo: Photo) -> Sprite | 
     """
     width, height = photo.original_size
     if (photo.width, photo.height) == (width, height):
-        return sprite_of(pixels_of(photo))
-    is_flat = (photo.pixels[:, 1:] == photo.pixels[:, :-1]).all(axis=2).mean() > 0.5
+        return sprite_of(photo.pixels)
+    is_flat = (photo.pixels[:, 1:, :3] == photo.pixels[:, :-1, :3]).all(axis=2).mean() > 0.5
     if not is_flat or width * height > 2**22:
         return None
-    return sprite_of(pixels_of(run.read(image, lambda *size: size, _matte(plan))))
+    return sprite_of(run.read(image, lambda *size: size, _matte(plan)).pixels)
 
 
 def _is_whole(run: Run, load: Load) -> bool:

@@ -23,7 +23,7 @@ from gauss2svg.errors import on_one_line
 from gauss2svg.measure import NONE, SCORES
 from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.photo.load import load_image
-from gauss2svg.photo.pixels import over, pixels_of
+from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize
 
 pytestmark = pytest.mark.process
@@ -154,7 +154,7 @@ def test_svg_and_report_are_those_of_the_command_line(gallery, tmp_path):
 def test_photos_are_shown_without_loss_beside_their_errors_and_nothing_else_of_them(gallery):
     site = gallery.directory
     for row in gallery.rows:
-        wanted, page = pixels_of(load_image(source_of(gallery, row["photo"]))), site / row["page"]
+        wanted, page = load_image(source_of(gallery, row["photo"])).pixels, site / row["page"]
         with Image.open(page.with_name("photo.webp")) as shown:
             assert np.array_equal(np.asarray(shown), np.round(wanted * 255))
         svg = site / row["files"]["SVG"]

@@ -81,7 +81,7 @@ def test_the_service_answers_svgs_and_refusals(small, monkeypatch):
         uploads = [photo, b"no picture", bytes(10_000)]
         drawn, *refused = (client.post("/vectorize", content=data) for data in uploads)
     assert (drawn.status_code, drawn.headers["content-type"]) == (200, "image/svg+xml")
-    assert check(small, drawn.content).psnr > 15
+    assert check(small, drawn.content).report["psnr_svg"] > 15
     assert [answer.status_code for answer in refused] == [422, 413]
     assert all(" must be " in one.text and "\n" not in one.text for one in refused)
 
@@ -102,7 +102,9 @@ def test_a_torch_loss_in_the_fit_is_about_as_close_as_the_usual_one(small, tmp_p
     usual, own = (re.fullmatch(r"(\w+): (.*) dB by (\d+) Gaussians", line) for line in said(capsys))
     assert (usual[1], own[1], usual[3]) == ("weighted", "loss_of", own[3])
     assert abs(float(own[2]) - float(usual[2])) < 1.5
-    assert check(small, tmp_path / "out.svg").psnr == pytest.approx(float(own[2]), abs=0.01)
+    assert check(small, tmp_path / "out.svg").report["psnr_svg"] == pytest.approx(
+        float(own[2]), abs=0.01
+    )
 
 
 @pytest.mark.parametrize("layout", ["_cholesky", "_scaling"])
@@ -127,7 +129,7 @@ def test_a_checkpoint_of_gaussian_image_becomes_its_picture(layout, tmp_path):
     offset = np.stack(np.mgrid[:32, :48][::-1], axis=-1)[:, :, None] - (xy + 1) / 2 * [48, 32]
     r2 = np.einsum("hwni,nij,hwnj->hwn", offset, np.linalg.inv(covariance), offset)
     # Less than the same: Gaussians end at 3 sigma in a file, and renderers round each layer.
-    assert check(np.float32(np.clip(np.exp(-r2 / 2) @ color, 0, 1)), out).psnr > 30
+    assert check(np.float32(np.clip(np.exp(-r2 / 2) @ color, 0, 1)), out).report["psnr_svg"] > 30
 
 
 def test_a_checkpoint_of_image_gs_is_fitted_to_its_picture_and_runs_no_code(tmp_path, capsys):
@@ -142,7 +144,7 @@ def test_a_checkpoint_of_image_gs_is_fitted_to_its_picture_and_runs_no_code(tmp_
     checkpoint.main(path, 40, 30, str(out))
     assert said(capsys)[-1] == "<gauss2svg.Scene 40x30, 40 Gaussians>"
     _, picture = checkpoint.image_gs(checkpoint.loaded(path), 40, 30)
-    assert check(np.float32(picture), out).psnr > 26
+    assert check(np.float32(picture), out).report["psnr_svg"] > 26
 
     class Bomb:
         def __reduce__(self):

@@ -15,7 +15,7 @@ from PIL import Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.photo.load import header_of, load_image
-from gauss2svg.photo.pixels import pixels_of, shrunk
+from gauss2svg.photo.pixels import has_alpha, shrunk
 
 RNG = np.random.default_rng(0)
 HEIGHT, WIDTH = 151, 217
@@ -106,10 +106,10 @@ OPAQUE = {"JPEG", "PNG", "16-bit PNG", "two levels", "BMP"}  # whose mode tells
 def test_reducing_while_decoding_is_reducing_afterwards(kind):
     file = FILES[kind]
     whole, header = load_image(file), header_of(file)
-    level = LEVEL * (8 if "two levels" in kind else 1 if whole.alpha is None else 4)
+    level = LEVEL * (8 if "two levels" in kind else 1 if not has_alpha(whole.pixels) else 4)
     for size in ((WIDTH - 1, HEIGHT - 1), (101, 70), (49, 31), (16, 11)):
         photo = load_image(file, needed=lambda width, height, size=size: size)
-        off = pixels_of(photo) - resampled(pixels_of(whole), size[1], size[0])
+        off = photo.pixels - resampled(whole.pixels, size[1], size[0])
         # A JPEG that is decoded at a fourth of its size has less of its noise.
         assert np.abs(off).mean() < (5 if size == (16, 11) else 1) * level
         # The whole numbers by which libvips weights 8 bits are off by half a level at times.
@@ -118,10 +118,10 @@ def test_reducing_while_decoding_is_reducing_afterwards(kind):
         assert photo.original_size == whole.original_size == (WIDTH, HEIGHT)
         assert photo.notes == whole.notes
     for needed in (WIDTH, 10_000, lambda w, h: (w, h), lambda w, h: (w, 9 * h)):
-        same = pixels_of(load_image(file, needed=needed))
-        assert same.tobytes() == pixels_of(whole).tobytes()
+        same = load_image(file, needed=needed).pixels
+        assert same.tobytes() == whole.pixels.tobytes()
     assert (header.width, header.height) == (WIDTH, HEIGHT)
-    assert (whole.alpha is not None) <= header.has_alpha <= (kind not in OPAQUE)
+    assert has_alpha(whole.pixels) <= header.has_alpha <= (kind not in OPAQUE)
 
 
 @pytest.mark.parametrize("source", [RGBA, np.asarray(RGBA), RGB, "opened"])
@@ -129,8 +129,8 @@ def test_what_is_in_memory_is_reduced_too_and_stays_whole(source):
     if isinstance(source, str):
         source = Image.open(io.BytesIO(encoded(RGB, "JPEG", quality=95)))
     photo = load_image(source, needed=50)
-    whole = pixels_of(load_image(source))
-    off = np.abs(pixels_of(photo) - shrunk(whole, photo.height, 50, sharp=True))
+    whole = load_image(source).pixels
+    off = np.abs(photo.pixels - shrunk(whole, photo.height, 50, sharp=True))
     assert off.mean() < 6 * LEVEL  # an average, a triangle and the cubic filter
     assert photo.original_size == (WIDTH, HEIGHT) == whole.shape[1::-1]
 

@@ -58,7 +58,7 @@ def test_target_is_of_the_size_at_which_it_is_measured(large, full_size, drawn_h
     assert found.report["psnr_svg"] >= 24.95
     assert (found.report["measured_width"] == 180) == full_size
     if full_size:
-        assert found.report["psnr_svg"] == check(large, found.svg).psnr
+        assert found.report["psnr_svg"] == check(large, found.svg).report["psnr_svg"]
 
 
 def test_nothing_is_done_at_the_size_of_a_large_photo():

@@ -96,7 +96,7 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo, drawn_here):
     svg = whole.text
     assert whole.headers["content-security-policy"].endswith("sandbox")
     other = server.get(f"{home}/picture.svg?markup=minimal").decode()
-    assert abs(check(small, other).psnr - check(small, svg).psnr) < 0.5
+    assert abs(check(small, other).report["psnr_svg"] - check(small, svg).report["psnr_svg"]) < 0.5
     packed = server.client.get(f"{home}/picture.svg?gzip=1&download=1")
     assert packed.headers["content-disposition"] == "attachment; filename*=UTF-8''p.svgz"
     assert gzip.decompress(packed.content).decode() == svg

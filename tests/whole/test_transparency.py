@@ -135,8 +135,8 @@ def test_report_has_the_numbers_of_the_raster(result, cut_out, drawn_here):
     for key in ("psnr_svg", "psnr_svg_black", "psnr_svg_alpha", "ssim_svg", "transparent"):
         assert checked.report[key] == pytest.approx(report[key], abs=1e-4), key
     over_black = gauss2svg.check(cut_out, result.svg, matte="black")
-    assert over_black.psnr_black is over_black.report["psnr_svg_alpha"] is None
-    assert over_black.psnr < 15  # the SVG is composited over white
+    assert over_black.report["psnr_svg_black"] is over_black.report["psnr_svg_alpha"] is None
+    assert over_black.report["psnr_svg"] < 15  # the SVG is composited over white
 
 
 def test_opaque_alpha_is_no_alpha_and_colours_of_invisible_pixels_change_nothing(cut_out):
