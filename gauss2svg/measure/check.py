@@ -92,11 +92,7 @@ def check(
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
     pixels, size = picture.pixels, (picture.width, picture.height)
     data, text = read_source(getattr(svg, "svg", svg), int(asked.max_svg_bytes))
-    text = from_root(text)
-    surveyed = Survey(text, asked.max_elements)
-    frame = frame_of(surveyed.root)
-    refuse_unsupported(text, asked.renderer)
-    sized_text = stretched(text, *size, " ".join(f"{v!r}" for v in frame.view_box))
+    surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)
     drawing = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
     raster = drawing.pixels
     unknown = [*(f"<{name}>" for name in surveyed.unknown), *drawing.unread]
@@ -121,6 +117,22 @@ def check(
     # JSON has no infinity, which is the PSNR of equal pictures.
     finite = {key: None if value == math.inf else value for key, value in report.items()}
     return CheckResult(finite, raster, pixels)
+
+
+def sized_svg(
+    text: str, width: int, height: int, renderer: str, most_elements: int
+) -> tuple[Survey, Frame, str]:
+    """Survey an untrusted SVG, and stretch it to width x height px.
+
+    Return the survey, the frame of the SVG before it is stretched, and the stretched text.
+    Raise InputError and RendererError as `check` does.
+    """
+    text = from_root(text)
+    surveyed = Survey(text, most_elements)
+    frame = frame_of(surveyed.root)
+    refuse_unsupported(text, renderer)
+    sized_text = stretched(text, width, height, " ".join(f"{v!r}" for v in frame.view_box))
+    return surveyed, frame, sized_text
 
 
 def _notes(
