@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     0    success
     1    some runs of a benchmark, batch, gallery or placeholder command failed, or a check found a
-         PSNR below --min-psnr, or a photo or SVG without a partner in folders
+         PSNR below --min-psnr
     2    an error, printed as one line on standard error
     130  ended by Ctrl-C, even if the best result so far was written
     143  ended by SIGTERM or Ctrl-Break, even if the best result so far was written

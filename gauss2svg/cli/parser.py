@@ -3,13 +3,14 @@
 import argparse
 import dataclasses
 import shutil
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from gauss2svg.errors import InputError, nearest, refusal
-from gauss2svg.files import STANDARD_STREAM, reading, text_of
+from gauss2svg.files import STANDARD_STREAM, in_folder, reading, text_of
 from gauss2svg.options import Field, OptionGroup, byte_size, fields_of, file_path, flag_of, texts_of
 from gauss2svg.pipeline.options import GROUPS, Options
 
@@ -18,7 +19,7 @@ _FILES = ("photos", "photo", "svg", "folder")  # fields that are files without a
 # {command: (what it does, arguments that its help shows)}
 _OF_PHOTOS = "PHOTOS -o OUT [OPTIONS]"
 _OF_SOME = "PHOTOS [-o OUT] [OPTIONS]"
-_OF_SVGS = "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]"
+_OF_SVGS = "PHOTO SVG [OPTIONS]"
 COMMANDS = {
     "batch": ("Vectorise many photos, on all cores.", _OF_PHOTOS),
     "bench": ("Compare settings and other tools in tables and plots.", _OF_PHOTOS),
@@ -112,6 +113,24 @@ def run_options(given: dict[str, Any]) -> Options:
 def words(text: str) -> list[str]:
     """Return the items of a text that are separated by commas, without empty items."""
     return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def output_files(
+    options: OptionGroup, endings: Mapping[str, Sequence[str]], stem: str
+) -> dict[str, Path]:
+    """Return the output files that are given, by their options, without a printed report.
+
+    In place of a folder is a file in it, whose name begins with `stem`.
+
+    endings  {option that names an output file: endings that this file may have}
+    """
+    paths = {}
+    for name, allowed in endings.items():
+        path = getattr(options, name)
+        if path is not None and (name, str(path)) != ("report", STANDARD_STREAM):
+            file = f"{stem}-{name.removeprefix('save_')}{allowed[0]}"
+            paths[name] = Path(in_folder(path, file))
+    return paths
 
 
 def _argument(field: Field) -> tuple[list[str], dict[str, Any]]:

@@ -2,11 +2,10 @@
 
 import sys
 import textwrap
-from collections.abc import Sequence
 from typing import Any
 
 from gauss2svg.errors import on_one_line, several
-from gauss2svg.measure import NONE, ON_REQUEST, SCORES, SPACE, TARGETS, decibels
+from gauss2svg.measure import ON_REQUEST, TARGETS, decibels
 from gauss2svg.measure.roundtrip import HEAVY_MS
 from gauss2svg.pipeline.progress_display import columns
 from gauss2svg.scene.areas import AreaCounts
@@ -77,28 +76,6 @@ def print_check(report: dict[str, Any], svg: str) -> None:
         f"{r['hue_error_svg']:.1f} units of CIELAB at x = {x}, y = {y} px, which one sees from 10",
     }
     _print_table(rows, [], r["notes"])
-
-
-def check_table(records: Sequence[dict[str, Any]]) -> str:
-    """Return a table of the reports of several SVGs, a line each.
-
-    Scores that no SVG has are left out. An SVG that could not be checked has no numbers.
-    """
-    done = [record for record in records if "error" not in record]
-    sizes = {"bytes": "svg_bytes", "gzipped": "svgz_bytes", "elements": "elements"}
-    scores = [score for score in SCORES if any(score.can_show(r[score.key]) for r in done)]
-    rows = [["SVG", *sizes, *(f"{score.name} {score.unit}".strip() for score in scores)]]
-    for r in records:
-        cells = [NONE] * (len(sizes) + len(scores))
-        if "error" not in r:
-            cells = [f"{r[key]:,}" for key in sizes.values()]
-            cells += [score.text(r[score.key]).split(SPACE)[0] for score in scores]
-        rows.append([on_one_line(r["svg"]), *cells])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = (
-        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows
-    )
-    return "".join(f"{line}\n" for line in lines)
 
 
 def _match(report: dict[str, Any]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from gauss2svg import files, processes
-from gauss2svg.cli.parser import run_options
+from gauss2svg.cli.parser import output_files, run_options
 from gauss2svg.cli.terminal import Interruption, handling, say, status_of
 from gauss2svg.errors import InputError, brief, refusal, several
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
@@ -113,19 +113,6 @@ class Files(Plotter, PlatesAndPens, OutputFiles, InputFiles):
         """Whether the report is printed on standard output."""
         return str(self.report) == STANDARD_STREAM
 
-    def paths(self, stem: str) -> dict[str, Path]:
-        """Return the output files that are given, by their options, without a printed report.
-
-        In place of a folder is a file in it, whose name begins with `stem`.
-        """
-        paths = {}
-        for name, endings in _ENDINGS.items():
-            path = getattr(self, name)
-            if path is not None and not (name == "report" and self.prints_report):
-                file = f"{stem}-{name.removeprefix('save_')}{endings[0]}"
-                paths[name] = Path(in_folder(path, file))
-        return paths
-
 
 COMMON = {"Parameters": Command, "Goal": Goal, "Output files": OutputFiles}  # sections of --help
 SECTIONS = COMMON | {
@@ -154,7 +141,8 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
     interruption = Interruption()
     with handling(interruption.receive):
         stem = "photo" if photo == STANDARD_STREAM else Path(photo).stem
-        output, paths = _output(photo, output, stem, extras.overwrite), extras.paths(stem)
+        output = _output(photo, output, stem, extras.overwrite)
+        paths = output_files(extras, _ENDINGS, stem)
         _check_together(options, extras, output)
         _check_files(photo, output, options, extras, paths)
         if output.lower().endswith(".svgz"):

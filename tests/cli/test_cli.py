@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from flat import vectorize
 from galleries import save
@@ -15,7 +14,7 @@ from PIL import Image
 
 import gauss2svg
 from gauss2svg.cli.main import main
-from gauss2svg.cli.summary import check_table, print_summary
+from gauss2svg.cli.summary import print_summary
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.scene import Scene
 
@@ -129,9 +128,9 @@ MISTAKES = [
     ("PHOTO -o OUT --focus-strength 3", "--focus-strength must be given with a mask; got 3"),
     ("-o OUT", "the photo must be one file; got none. Try gauss2svg --help"),
     ("-", "--output must be the name of a file or folder; got none. Try -o out.svg, or -o -"),
-    ("check a.svg b.svg PHOTO", "files must be one photo and then SVGs; got a.svg"),
-    ("check FOLDER", "SVGs must be in a folder and have the names of the photos; got none"),
-    ("check PHOTO a.svg b.svg --heatmap h.png", "--heatmap must be given with one SVG"),
+    ("check a.svg PHOTO", "files must be one photo and then one SVG; got a.svg"),
+    ("check PHOTO a.svg b.svg", "b.svg must be left out; got a file too many"),
+    ("check PHOTO a.svg --heatmap h.jpg", "--heatmap must be a name that ends in .png"),
     ("PHOTO -o - --report -", "--report must be given with a file if -o is standard output"),
     ("PHOTO out.svg", "-o out.svg"),
     ("PHOTO -o OUT --trap 0.2", "--trap must be given with --cut"),
@@ -165,7 +164,7 @@ MISTAKES = [
     ("PHOTO -o OUT --inks white", "--inks must be another colour than the paper; got #ffffff"),
     ("PHOTO -o OUT --separations p.svg", "--separations must be given with --inks"),
     ("PHOTO -o OUT --plot p.svg --sheet 20x20mm", "margin must be smaller for a sheet of 20x20mm"),
-    ("check - -", "files must be one photo and then SVGs; got -, -"),
+    ("check - -", "files must be one photo and then one SVG; got -, -"),
 ]  # fmt: skip
 
 
@@ -208,36 +207,7 @@ def test_a_folder_takes_files_with_names(picture, tmp_path, refusal):
     assert "gauss2svg did not write it" in refusal(*command)
 
 
-def test_check_prints_a_table_of_several_svgs(picture, tmp_path, capfd, drawn_here):
-    for name, count in (("few", 4), ("more", 40)):
-        out = str(tmp_path / f"{name}.svg")
-        assert main([str(picture), "-o", out, "--gaussians", str(count), "--quiet"]) == 0
-    few, more = (str(tmp_path / f"{name}.svg") for name in ("few", "more"))
-    (tmp_path / "bad.svg").write_text("<svg/>")
-    report = tmp_path / "r.json"
-    assert main(["check", str(picture), few, more, "--report", str(report)]) == 0
-    lines = capfd.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == ["SVG", few, more]
-    psnrs = [record["psnr_svg"] for record in json.loads(report.read_text())]
-    assert [line.split()[4] for line in lines[1:]] == [f"{psnr:.2f}" for psnr in psnrs]
-    between = ["--min-psnr", str(np.mean(psnrs))]
-    assert main(["check", str(picture), few, more, *between]) == 1
-    assert capfd.readouterr().err.count("PSNR is") == 1
-    assert main(["check", str(picture), str(tmp_path / "bad.svg"), more, *between]) == 2
-    assert "failed: " in capfd.readouterr().err
-    picture.with_suffix(".svg").write_bytes((tmp_path / "few.svg").read_bytes())
-    assert main(["check", f"{tmp_path}/."]) == 1
-    out, err = capfd.readouterr()
-    line = err.splitlines()[-1]
-    assert out.count("\n") == 2  # one SVG is a table too
-    assert line.startswith("gauss2svg: without a partner of the same name: ")
-    alone = [os.path.basename(name) for name in line.rpartition(": ")[2].split(", ")]
-    assert alone == ["bad.svg", "few.svg", "more.svg"]
-    exact = json.loads(report.read_text())[0] | {"psnr_svg": None}
-    assert check_table([exact]).splitlines()[1].split()[4] == "equal"
-
-
-def test_check_of_one_svg_prints_its_notes(picture, tmp_path, capsys, drawn_here):
+def test_check_prints_its_notes(picture, tmp_path, capsys, drawn_here):
     (tmp_path / "a.svg").write_text('<svg viewBox="0 0 64 48"/>')
     assert main(["check", str(picture), str(tmp_path / "a.svg")]) == 0
     said = " ".join(capsys.readouterr().err.split())

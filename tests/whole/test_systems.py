@@ -39,7 +39,7 @@ def test_commands_expand_patterns_themselves(pictures, capsys, refusal):
     assert main(["*.png", "-o", "e.svg", "--gaussians", "2", "--quiet"]) == 0
     assert main(["check", "*.png", "e.s*", "--quiet"]) == 0
     assert "the photo must be one file; got a.jpg, b.jpg, c[1]" in refusal("*.jpg", "-o", "o.svg")
-    assert "files must be one photo and then SVGs; got a.jpg" in refusal("check", "*.jpg", "e.svg")
+    assert "one photo and then one SVG; got a.jpg" in refusal("check", "*.jpg", "e.svg")
     assert main(["c[1].jpg", "-o", "c.svg", "--gaussians", "2", "--quiet"]) == 0  # a file's name
     for name in ("none*.jpg", "nul\0*"):
         assert "files must be one or more; got none in" in refusal(name, "-o", "o.svg")
