@@ -217,12 +217,6 @@ def packages() -> dict[str, str]:
     return {s.package: version(s.package) for s in ON_REQUEST if s.is_installed}
 
 
-def color_name(name: str, value: Any) -> str:
-    """Return `value` if it is a colour. Otherwise raise InputError that names the option `name`."""
-    check_color(name, value)
-    return value
-
-
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions(OptionGroup):
     """Options of `check`."""
@@ -248,7 +242,7 @@ class CheckOptions(OptionGroup):
     """Longest side (px) at which the SVG is compared. Larger photos are reduced first. The default
     is the size of the photo."""
 
-    matte: Annotated[str | None, color_name] = None
+    matte: Annotated[str | None, check_color] = None
     """Background colour for a transparent photo: a name such as white, #fa0 or #ffaa00. If not
     given, transparency is compared too."""
 

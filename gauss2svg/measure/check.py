@@ -14,7 +14,7 @@ from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo.load import ImageSource, load_image
-from gauss2svg.photo.pixels import Photo, has_alpha, matte_color, over
+from gauss2svg.photo.pixels import Photo, has_alpha, over
 from gauss2svg.raster import AT_REST, BROWSERS, MOVING, refuse_unsupported, renderer_version, uses
 from gauss2svg.raster.isolated import draw
 from gauss2svg.svg.file import (
@@ -88,8 +88,9 @@ def check(
     """
     asked = CheckOptions(**options)
     renderer = renderer_version(asked.renderer)
-    matte = None if asked.matte is None else matte_color(asked.matte)
-    picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
+    picture = load_image(
+        photo, max_pixels=asked.max_pixels, matte=asked.matte, needed=asked.max_size
+    )
     pixels, size = picture.pixels, (picture.width, picture.height)
     data, text = read_source(getattr(svg, "svg", svg), int(asked.max_svg_bytes))
     surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)

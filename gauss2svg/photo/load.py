@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -14,7 +14,7 @@ import pyvips
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import InputError, brief, quoted, refusal
+from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import reading
 from gauss2svg.options import Field, file_name
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, FORMATS, MOST_PIXELS, PREFIX_BYTES, format_of
@@ -179,7 +179,7 @@ def check_size(size: Size, name: str, max_pixels: int) -> None:
 
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
-WHITE_MATTE = (1.0, 1.0, 1.0)  # sRGB colour of the background on which browsers show a picture
+WHITE_MATTE = "#ffffff"  # background on which browsers show a picture
 DARK = 4096 / 65535  # above the brightest sample of a camera's 12 bits in samples of 16
 
 
@@ -187,13 +187,14 @@ def load_image(
     source: ImageSource,
     *,
     max_pixels: int = DEFAULT_MAX_PIXELS,
-    matte: Sequence[float] | None = None,
+    matte: str | None = None,
     needed: SizeNeeded | None = None,
 ) -> Photo:
     """Decode a path, bytes, binary file, PIL image, NumPy array or torch tensor.
 
     max_pixels  largest number of pixels, 1..MOST_PIXELS, checked before decoding
-    matte       sRGB colour in 0..1 over which a transparent photo is composited. None keeps alpha
+    matte       "#rrggbb" of the colour over which a transparent photo is composited. None keeps
+                alpha
     needed      longest side in px that is needed, or a function that takes the stored width and
                 height and returns the needed width and height. A larger photo is reduced to that
                 size while it is decoded, before its profile and orientation are applied. None
@@ -213,16 +214,12 @@ def load_image(
     if 0 < brightest <= DARK:
         note = f"brightest sample is {brightest:.3f} of white; scale samples of 12 bits by 16 first"
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
-    if matte is None:
+    if matte is None or not has_alpha(photo.pixels):
         return photo
-    color = np.asarray(matte, np.float32)
-    if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
-        raise refusal("matte", "three numbers in 0..1: red, green, blue", quoted(matte))
-    if not has_alpha(photo.pixels):
-        return photo
-    name = bytes(np.round(255 * color).astype(np.uint8)).hex()
-    notes = (*photo.notes, f"composited over #{name}")
-    return dataclasses.replace(photo, pixels=over(photo.pixels, tuple(color)), notes=notes)
+    red, green, blue = (level / 255 for level in bytes.fromhex(matte[1:]))
+    notes = (*photo.notes, f"composited over {matte}")
+    pixels = over(photo.pixels, (red, green, blue))
+    return dataclasses.replace(photo, pixels=pixels, notes=notes)
 
 
 def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pixels: int) -> Focus:
@@ -235,7 +232,7 @@ def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pi
     """
     try:
         needed = max(photo.width, photo.height)
-        mask = load_image(source, max_pixels=max_pixels, matte=(0, 0, 0), needed=needed)
+        mask = load_image(source, max_pixels=max_pixels, matte="#000000", needed=needed)
     except InputError as error:
         raise InputError(f"focus must be a picture, but {error}") from error
     (width, height), (across, down) = mask.original_size, photo.original_size

@@ -20,7 +20,6 @@ from PIL import Image
 
 from gauss2svg import portable
 from gauss2svg.errors import refusal
-from gauss2svg.options import check_color
 
 Size = tuple[int, int]  # width and height in px
 # The size to which a photo is reduced: its longest side in px, or a function that takes the stored
@@ -256,12 +255,6 @@ def linear_light(value: NDArray[np.floating]) -> NDArray[np.floating]:
 def psnr_of(error: float) -> float:
     """Return the PSNR in dB of a mean squared error, which is infinite for 0."""
     return -10 * portable.log10(error) if error > 0 else math.inf
-
-
-def matte_color(text: str) -> tuple[float, float, float]:
-    """Return the colour, in 0..1, that a text names. Raise InputError if it names none."""
-    red, green, blue = bytes.fromhex(check_color("matte", text)[1:])
-    return red / 255, green / 255, blue / 255
 
 
 def _resized(

@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from gauss2svg.errors import InputError, instance, nearest, quoted, refusal
 from gauss2svg.fit import MOST_GAUSSIANS, FitOptions, FitProgress
-from gauss2svg.measure import TARGETS, Score, color_name
-from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, fields_of
+from gauss2svg.measure import TARGETS, Score
+from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, check_color, fields_of
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.scene import OVER
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
@@ -134,7 +134,7 @@ class SvgOptions(OptionGroup):
     """Write the colour of a one-colour drawing as currentColor, so that the page in which an icon
     stands may set it by CSS."""
 
-    matte: Annotated[str | None, color_name] = None
+    matte: Annotated[str | None, check_color] = None
     """Background colour for a transparent photo: a name such as white, #fa0 or #ffaa00. If not
     given, the SVG is transparent where the photo is."""
 

@@ -18,7 +18,7 @@ kernels, which takes 105 MB.
 import math
 import time
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -379,9 +379,7 @@ class Run:
         self.ended = self.ended or (self._stop is not None and self._stop())
         return self.ended
 
-    def read(
-        self, image: ImageSource, needed: SizeNeeded, matte: Sequence[float] | None = None
-    ) -> Photo:
+    def read(self, image: ImageSource, needed: SizeNeeded, matte: str | None = None) -> Photo:
         """Read the photo and return it. The arguments `needed` and `matte` are as in `load_image`.
 
         Raise InputError for a photo that is too large for the memory, before it is decoded.

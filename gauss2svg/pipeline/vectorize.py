@@ -21,7 +21,7 @@ from gauss2svg.fit import FitOptions, FitResult
 from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
-from gauss2svg.photo.pixels import Header, Photo, Size, averaged, has_alpha, matte_color, shrunk
+from gauss2svg.photo.pixels import Header, Photo, Size, averaged, has_alpha, shrunk
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
@@ -317,7 +317,7 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
         load = sizes(width, height)[0]
         return (width, height) if _is_whole(run, load) else load.measured
 
-    photo = run.read(image, size_needed, _matte(plan))
+    photo = run.read(image, size_needed, plan.options.svg.matte)
     if has_alpha(photo.pixels) and plan.options.written_blend == ADD:
         advice = "--matte white, or --portable"
         raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
@@ -345,7 +345,7 @@ def _sprite(plan: Plan, run: Run, image: ImageSource, photo: Photo) -> Sprite | 
     is_flat = (photo.pixels[:, 1:, :3] == photo.pixels[:, :-1, :3]).all(axis=2).mean() > 0.5
     if not is_flat or width * height > 2**22:
         return None
-    return sprite_of(run.read(image, lambda *size: size, _matte(plan)).pixels)
+    return sprite_of(run.read(image, lambda *size: size, plan.options.svg.matte).pixels)
 
 
 def _is_whole(run: Run, load: Load) -> bool:
@@ -408,12 +408,6 @@ def _exact_format(plan: Plan, scene: Scene) -> SvgFormat:
     points = np.array([p for area in scene.areas for one in area.outlines for p in one.points])
     units = (unit for unit in (1.0, 0.5) if (points % unit == 0).all())
     return dataclasses.replace(svg_format, precision=next(units, svg_format.precision))
-
-
-def _matte(plan: Plan) -> tuple[float, float, float] | None:
-    """Return the colour below a transparent photo, or None if it stays transparent."""
-    matte = plan.options.svg.matte
-    return None if matte is None else matte_color(matte)
 
 
 def _outcomes(plan: Plan, run: Run, subject: Subject, fit: Size) -> Iterator[Outcome]:

@@ -44,7 +44,7 @@ def test_alpha_is_kept_beside_colours_or_covers_a_matte(source):
     shown = BYTES / 255 * (alpha > 0)  # not a colour that nobody sees
     assert assert_read(source, shown, alpha=alpha[:, :, 0]).pixels.dtype == np.float32
     for matte, name in (((1, 1, 1), "#ffffff"), ((0.2, 0.4, 0.6), "#336699")):
-        over = load_image(source, matte=matte)
+        over = load_image(source, matte=name)
         expected = BYTES / 255 * alpha + np.array(matte) * (1 - alpha)
         np.testing.assert_allclose(over.pixels, expected, atol=1e-6)
         assert over.pixels.shape[2] == 3
