@@ -154,13 +154,13 @@ def end_tree(process_id: int) -> None:
 def end_of(status: int) -> str:
     """Return text on how a process with this exit status ended."""
     if 0 <= status < 256:
-        return f"ended with status {status}"
+        return f"its process ended with status {status}"
     # On Windows, the status of a process that crashed says why. It is shown in hexadecimal, so that
     # users can find it in Microsoft's list.
     killer = f"status {status:#x}"
     with suppress(ValueError):  # the status is not that of a signal, or the signal has no name
         killer = signal.Signals(-status).name
-    return f"killed by {killer}; was there enough memory?"
+    return f"its process was killed by {killer}; was there enough memory?"
 
 
 def command_line(words: Sequence[str]) -> str:

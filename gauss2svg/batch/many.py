@@ -159,10 +159,10 @@ class Batch:
         self,
         sources: Iterable[str | os.PathLike[str]],
         output: str | os.PathLike[str],
-        options: Options | None = None,
+        options: Options,
         workers: int | None = None,
     ) -> None:
-        self.options = options = errors.instance(options, "options", Options)
+        self.options = options
         # Few machines have 1024 cores, so a larger number is probably a mistake.
         rule = Field("workers", int, 1, 1024, is_optional=True)
         self._workers = rule.checked(workers)

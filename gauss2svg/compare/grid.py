@@ -29,7 +29,7 @@ from gauss2svg.errors import OutputError, error_line
 from gauss2svg.files import make_folder, reading, writing
 from gauss2svg.measure import packages
 from gauss2svg.pipeline.progress_display import counting
-from gauss2svg.pool import Pool, WorkerDiedError, completed
+from gauss2svg.pool import Pool, completed
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 FOLDER = "the name of a folder, such as . for this one"  # needed directory, for error messages
@@ -156,8 +156,6 @@ class Grid:
                     answer = json_safe(job.result())
                 except OutputError:
                     raise
-                except WorkerDiedError as error:
-                    answer = {"error": f"its worker died: {error}"}
                 except Exception as error:  # another tool may raise any exception
                     answer = {"error": error_line(error, "smaller photos or fewer Gaussians")}
                 now.remove(task.name)

@@ -56,9 +56,7 @@ def perceptual_scores(
         else:
             try:
                 values[score.slug] = score_of(score, raster, photo)
-            except WorkerDiedError as error:
-                obstacle = f"its process died: {error}"
-            except (ImportError, MemoryError) as error:
+            except (WorkerDiedError, ImportError, MemoryError) as error:
                 obstacle = str(error)
         if obstacle:
             missing.append(f"{score.name} is not measured: {obstacle}")

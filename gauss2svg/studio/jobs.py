@@ -42,7 +42,7 @@ from gauss2svg.pipeline.plan import MINIMAL_UP_TO, USUAL_BYTES, Plan
 from gauss2svg.pipeline.progress_display import FrameMaker
 from gauss2svg.pipeline.run import memory_limit
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
-from gauss2svg.pool import Pool, WorkerDiedError
+from gauss2svg.pool import Pool
 from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
@@ -111,14 +111,11 @@ class Job:
         """
         if self.call.cancelled() or not self.call.done():
             return ""
-        match self.call.exception():
-            case WorkerDiedError() as error:
-                return f"its worker process was lost: {error}"
-            case Exception() as error:
-                line = error_line(error, "smaller photos or fewer Gaussians")
-                line = line.replace(str(self.folder / "photo"), self.name)
-                return line.replace(f"{self.folder}{os.sep}", "")
-        return ""
+        if not isinstance(error := self.call.exception(), Exception):
+            return ""
+        line = error_line(error, "smaller photos or fewer Gaussians")
+        line = line.replace(str(self.folder / "photo"), self.name)
+        return line.replace(f"{self.folder}{os.sep}", "")
 
 
 async def wait_until(condition: Callable[[], object]) -> None:

@@ -11,6 +11,7 @@ from gauss2svg.batch import many
 from gauss2svg.batch.inputs import passed_over, photos_of
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
+from gauss2svg.pipeline.options import Options
 
 TEXTS = {
     "bad.toml": b"quality = draft",
@@ -66,7 +67,8 @@ def test_photo_counts_once_and_links_are_photos_but_no_folders(folder, tmp_path)
     os.symlink("gone", folder / "b/z.png")
     assert names("in") == ["a", "b/c", "b/d/e", "b/z"]
     assert names("in/b/*.png", "in/b/z.png") == ["z", "z"]
-    assert many.Batch(["in", "in/a.jpg", "in/**/*.jpg"], tmp_path / "out").summary.count == 4
+    job = many.Batch(["in", "in/a.jpg", "in/**/*.jpg"], tmp_path / "out", Options())
+    assert job.summary.count == 4
     os.symlink(folder, folder / "b/circle")
     assert names("in") == ["a", "b/c", "b/d/e", "b/z"]
 

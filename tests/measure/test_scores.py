@@ -82,7 +82,7 @@ def test_pictures_too_large_for_the_memory_and_failing_processes_have_a_reason(w
     monkeypatch.setattr(module, "_flip", ctypes.string_at)  # of an address that is no memory
     monkeypatch.setattr(module, "_eight_bits", lambda _: 3)
     died = perceptual_scores(wide[:9], wide[:9])["scores_missing"][1]
-    assert died.startswith("FLIP is not measured: its process died: ")
+    assert died.startswith("FLIP is not measured: its process ")
 
 
 def test_missing_packages_are_one_line_of_check_and_an_error_where_asked_for(
