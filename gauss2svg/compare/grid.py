@@ -101,7 +101,6 @@ class Grid:
     progress  whether to show a bar on a terminal or in a notebook
     records  record of each task, in the order of the tasks. A record is empty until its task has
              ended. If the task failed, the record has the entry "error", which says why.
-    total    number of tasks that will have a record. The tasks of a photo that fails get no record
     """
 
     def __init__(self, path: Path, tasks: Iterable[Task], progress: bool) -> None:
@@ -110,7 +109,6 @@ class Grid:
         with writing(path), path.open("ab"):
             pass  # if the file cannot be written, this raises an error before the first task
         self.records: dict[Task, Row] = {task: {} for task in tasks}
-        self.total = len(self.records)
         rows_before = rows_in(path)
         for task in self.records:
             row = rows_before.get(task.columns.get("folder", task.key), {"key": ""})
@@ -133,10 +131,10 @@ class Grid:
         cannot be written, for example because the disk is full. The other tasks would then fail
         too.
         """
-        now: list[str] = []  # names of the tasks that are running
+        tasks, now = list(tasks), list[str]()  # names of the tasks that are running
 
         def report() -> None:
-            update("; ".join(now), sum(map(bool, self.records.values())), self.total)
+            update("; ".join(now), sum(bool(self.records[task]) for task in tasks), len(tasks))
 
         def submitted(task: Task) -> Future[Row]:
             now.append(task.name)

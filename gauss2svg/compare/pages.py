@@ -130,8 +130,8 @@ def build_gallery(
     try:
         with Pool(jobs) as pool:
             # The photos are prepared first, so that bad photos are reported early.
-            for record in grid.run(plan, pool, run.make_photo):
-                grid.total -= len(chosen) * ("error" in record)
+            for _ in grid.run(plan, pool, run.make_photo):
+                pass
             svgs = [task for photo in plan if grid.has_succeeded(photo) for task in plan[photo]]
             for _ in grid.run(svgs, pool, run.make_svg):
                 pass

@@ -82,11 +82,10 @@ def _peak_bytes() -> int | None:
 
 def machine() -> dict[str, Any]:
     """Return the CPU model, the number of usable cores and the platform."""
-    # os.sched_getaffinity() gives the cores that this process may use. macOS and Windows lack it.
-    affinity = getattr(os, "sched_getaffinity", None)
-    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+    from gauss2svg.render.tiles import CORES  # imports NumPy, whose memory is none of a peer
+
     cpu = _from_proc("cpuinfo", "model name") or platform.processor() or platform.machine()
-    return {"cpu": cpu, "cores": cores, "platform": platform.platform()}
+    return {"cpu": cpu, "cores": CORES, "platform": platform.platform()}
 
 
 def _from_proc(file: str, name: str) -> str:

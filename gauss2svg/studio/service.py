@@ -29,8 +29,8 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.server import HANDLED_SIGNALS
 
-from gauss2svg.compare.records import machine
 from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, refusal
+from gauss2svg.render.tiles import CORES
 from gauss2svg.studio import StudioOptions
 from gauss2svg.studio.jobs import Jobs
 from gauss2svg.studio.routes import router, samples_in
@@ -98,12 +98,11 @@ async def _error_response(_: Request, error: Exception) -> JSONResponse:
 
 def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
     """Return the number of simultaneous fits, and the number of threads of each."""
-    cores = machine()["cores"]
     # A fit on four threads takes 45 % of the time that it takes on one thread. Eight threads help
     # little more: the fit then takes 36 %. So by default there is one fit for every four cores
     # (docs/decisions/studio.md).
-    jobs = jobs or max(1, cores // (threads or 4))
-    return jobs, threads or max(1, cores // jobs)
+    jobs = jobs or max(1, CORES // (threads or 4))
+    return jobs, threads or max(1, CORES // jobs)
 
 
 def serve(options: StudioOptions, say: Callable[[str], None]) -> None:
