@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import skimage.data
 from common import command_line
 from tracers import draw
 
-from gauss2svg import Gallery, GalleryOptions, build_gallery
+from gauss2svg import GalleryOptions, build_gallery
 
 FILES = (
     "astronaut.png", "brick.png", "camera.png", "cell.png", "chelsea.png", "chessboard_GRAY.png",
@@ -55,19 +56,19 @@ def main() -> int:
         command=" ".join(["python", "benchmarks/gallery.py", *sys.argv[1:]]),
         progress=True,
     )
-    print_medians(gallery)
-    for failure in gallery.failures:
+    print_medians(gallery["summary"])
+    for failure in gallery["failures"]:
         print(f"{failure['photo']}: {failure['error']}")
-    print(f"open {gallery.index}")
-    return 1 if gallery.failures else 0
+    print(f"open {args.directory}/index.html")
+    return 1 if gallery["failures"] else 0
 
 
-def print_medians(gallery: Gallery) -> None:
+def print_medians(summary: list[dict[str, Any]]) -> None:
     """Return the medians of each variant over the photos, and those that SplatThis publishes."""
     print(f"{'median':16} photos  PSNR dB   SSIM  bytes      s")
     rows = [
         (row["variant"], row["photos"], {name: row[f"median_{name}"] for name in PUBLISHED})
-        for row in gallery.summary
+        for row in summary
     ]
     for name, count, medians in [*rows, ("published", len(FILES), PUBLISHED)]:
         print(

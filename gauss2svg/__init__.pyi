@@ -3,7 +3,7 @@
 from . import studio as studio
 from .batch.many import vectorize_many as vectorize_many
 from .batch.many import PhotoRecord as PhotoRecord
-from .compare.pages import Gallery as Gallery, build_gallery as build_gallery
+from .compare.pages import build_gallery as build_gallery
 from .compare.pages import GalleryOptions as GalleryOptions
 from .errors import (
     Gauss2SvgError as Gauss2SvgError,

@@ -54,6 +54,6 @@ def run(given: dict[str, Any]) -> int:
         f"{row['photo']}, {row['variant']}: {row['error']}"
         if row["variant"]
         else of_file(row["photo"], row["error"])
-        for row in gallery.failures
+        for row in gallery["failures"]
     ]
-    return shared.end(len(gallery.rows), failures, gallery.index)
+    return shared.end(len(gallery["rows"]), failures, command.output / "index.html")

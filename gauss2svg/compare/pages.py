@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from importlib.resources import files
@@ -37,34 +36,6 @@ NUMBERS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Gallery:
-    """A finished gallery.
-
-    directory  folder of its pages
-    rows       a row for each SVG, as in gallery.json
-    summary    a row for each variant, with medians and totals
-    failures   a row for each SVG that could not be made. For a photo that could not be read, there
-               is one row, whose variant is None
-    absent     names of the peers that are not installed
-    """
-
-    directory: Path
-    rows: list[Row]
-    summary: list[Row]
-    failures: list[Row]
-    absent: list[str]
-
-    @property
-    def index(self) -> Path:
-        """Path of the first page."""
-        return self.directory / "index.html"
-
-    def __repr__(self) -> str:
-        counts = f"{len(self.rows)} SVGs, {len(self.failures)} failed"
-        return f"<gauss2svg.Gallery {counts}, {self.index}>"
-
-
 def build_gallery(
     photos: Sequence[str | os.PathLike[str]],
     directory: str | os.PathLike[str],
@@ -76,8 +47,13 @@ def build_gallery(
     options: GalleryOptions | None = None,
     command: str | None = None,
     progress: bool = False,
-) -> Gallery:
+) -> dict[str, Any]:
     """Vectorise photos in several variants, and write web pages that compare them.
+
+    Return the content of gallery.json: `rows` has a row for each SVG, `summary` one for each
+    variant, with medians and totals, and `failures` one for each SVG that could not be made. For a
+    photo that could not be read, there is one failure, whose variant is None. The first page is
+    index.html.
 
     photos     paths of the photos
     directory  folder of the pages. It is created if it does not exist.
@@ -144,8 +120,7 @@ def build_gallery(
             "photo_size": size, "peers_absent": absent,
         }  # fmt: skip
         document = write_pages(root, about, chosen, plan, grid)
-    data = {name: document[name] for name in ("rows", "summary", "failures")}
-    return Gallery(root, **data, absent=absent)
+    return document
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:

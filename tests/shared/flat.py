@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -44,9 +46,10 @@ def choices(name: str) -> tuple[Any, ...]:
 
 
 def build_gallery(photos: Any, directory: Any, **given: Any) -> Any:
-    """`gauss2svg.build_gallery` of options by their names."""
+    """`gauss2svg.build_gallery` of options by their names, whose data and folder it returns."""
     from gauss2svg.compare.pages import build_gallery as build
 
     names = [field.name for field in fields_of(GalleryOptions)]
     options = GalleryOptions(**{name: given.pop(name) for name in names if name in given})
-    return build(photos, directory, options=options, **given)
+    data = build(photos, directory, options=options, **given)
+    return SimpleNamespace(directory=Path(directory), **data)

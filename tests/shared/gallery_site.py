@@ -19,7 +19,6 @@ from PIL import Image, PngImagePlugin
 from screens import captured
 from skimage import data
 
-from gauss2svg.compare.pages import Gallery
 from gauss2svg.measure import perceptual
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS
 
@@ -52,7 +51,7 @@ def hastily() -> Iterator[None]:
         yield
 
 
-def build(folder: Path) -> Gallery:
+def build(folder: Path) -> Any:
     """Four photos, one of them upright, one transparent, one badly named, and two that are none."""
     photos = folder / "photos"
     photos.mkdir()
