@@ -98,18 +98,17 @@ def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
         yield file
 
 
-def text_of(data: bytes, name: str, errors: str = "strict") -> str:
+def text_of(data: bytes, name: str) -> str:
     """Return the text of a file that a user wrote, without its byte order mark.
 
     The text is in UTF-16 if it begins with the mark of UTF-16, as PowerShell writes it, and in
     UTF-8 otherwise. Raise InputError if it is neither.
 
-    name    name of the file in the error message
-    errors  as in bytes.decode
+    name  name of the file in the error message
     """
     encoding = "utf-16" if data.startswith(UTF16_MARKS) else "utf-8-sig"
     try:
-        text = data.decode(encoding, errors)
+        text = data.decode(encoding)
         got = "null characters" if "\0" in text else ""
     except UnicodeDecodeError as error:
         text, got = "", f"another encoding at byte {error.start + 1}"
