@@ -23,9 +23,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import cached_property
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,27 +46,21 @@ ADJUST_AT = (0.45, 0.55, 0.65)
 _Event = tuple[float, Callable[[], None]]
 
 
-@dataclass
-class Snapshot:
-    """A fit as its policy sees it. Snapshots are equal if their `count` and `done` are equal.
+class Snapshot(NamedTuple):
+    """A fit as its policy sees it.
 
-    count    number of Gaussians
-    done     progress in 0..1
-    measure  function that returns the PSNR in dB
-    scene    function that returns the Gaussians on the working canvas
-    late     whether growth has used up its share of the time
+    count  number of Gaussians
+    done   progress in 0..1
+    psnr   function that measures the PSNR in dB of the model on the working image
+    scene  function that returns the Gaussians on the working canvas
+    late   whether growth has used up its share of the time
     """
 
     count: int
     done: float
-    measure: Callable[[], float] = field(compare=False)
-    scene: Callable[[], Scene] = field(compare=False)
-    late: bool = field(default=False, compare=False)
-
-    @cached_property
-    def psnr(self) -> float:
-        """PSNR in dB of the model on the working image. It is measured when it is first read."""
-        return self.measure()
+    psnr: Callable[[], float]
+    scene: Callable[[], Scene]
+    late: bool
 
 
 class DensificationPolicy:

@@ -127,8 +127,9 @@ class ByCount(DensificationPolicy):
         # Growth has a first round, one round for each doubling, and perhaps one for a leap.
         self.rounds = max(1, math.ceil(portable.log2(max(self.expected, 1) / self._first)) + 2)
         self.stop_reason, self._slope = "cap", 3.0  # dB that a doubling of the count gains
-        self._last: Snapshot | None = None
-        self._before_leap: Snapshot | None = None
+        # The count and the PSNR after the last round, and those before the leap.
+        self._last: tuple[int, float] | None = None
+        self._before_leap: tuple[int, float] | None = None
         # Largest count at which one more kilobyte still gains as many dB as the preset demands.
         self._paying_count = math.inf
         self._converges_above = CONVERGES_ABOVE
@@ -246,7 +247,7 @@ class ByCount(DensificationPolicy):
         leap gains too little as well, the next count is the one before it, and the most useful
         Gaussians stay.
         """
-        in_time, psnr = math.inf, now.psnr
+        in_time, psnr = math.inf, now.psnr()
         if self._plan.only_time_limits:
             in_time = self._budget.most_gaussians(now.done)
         elif now.late:
@@ -257,13 +258,13 @@ class ByCount(DensificationPolicy):
         if self.least_gain and self._least_saved and psnr > self._plan.preset.stop_psnr:
             saved = self._least_saved * portable.power(10, psnr / 10)
             self._gain = 10 * portable.log10(1 + saved)
-        last, self._last = self._last, now
+        last, self._last = self._last, (now.count, psnr)
         if last is None:
             # Only shapes converge. Areas are drawn from the first step on.
             self._converges_above = max(CONVERGES_ABOVE, psnr)
         else:
+            self._learn(last, self._last)
             psnr += CONVERGES_AFTER_ROUND * max(psnr - self._converges_above, 0.0)
-            self._learn(now, last)
         wanted = self._wanted(now.count, psnr, counts)
         if wanted >= 1.1 * now.count and wanted:
             return min(math.ceil(wanted), max(2 * now.count, self._first))
@@ -271,11 +272,11 @@ class ByCount(DensificationPolicy):
             # Above areas, a leap may gain what the preset asks, but less than the price of a byte.
             goes_back = not self._least_saved or wanted <= now.count / 4
             if last is not None and last == self._before_leap and goes_back:
-                self._paying_count = last.count
-                return last.count
+                self._paying_count = last[0]
+                return last[0]
             leap = int(min(counts.values())) // 4
             if self._before_leap is None and leap > 4 * now.count:
-                self._before_leap = now
+                self._before_leap = self._last
                 return leap
         return now.count
 
@@ -292,7 +293,8 @@ class ByCount(DensificationPolicy):
         if self._plan.only_time_limits:
             in_time = min(in_time, now.count)
         rate = CONVERGES_AFTER[max(bisect(ADJUST_AT, now.done) - 1, 0)]
-        psnr = now.psnr + rate * max(now.psnr - self._converges_above, 0.0)
+        psnr = now.psnr()
+        psnr += rate * max(psnr - self._converges_above, 0.0)
         # The palette is chosen before it costs this loss, so at a PSNR that is higher by it.
         counts = self._counts(now, in_time, psnr + self._plan.preset.color_loss)
         wanted = self._wanted(now.count, psnr, counts)
@@ -313,7 +315,7 @@ class ByCount(DensificationPolicy):
         # the file's colours then need time too.
         done, colors = (1.0, False) if self._plan.only_time_limits else (now.done, True)
         in_time = self._budget.most_gaussians(done, colors)
-        return int(min(self._counts(now, in_time, now.psnr).values()))
+        return int(min(self._counts(now, in_time, now.psnr()).values()))
 
     def _counts(self, now: Snapshot, in_time: float, psnr: float | None) -> dict[str, float]:
         """Return a dict of the counts that the cap, the time limit and the limit of bytes allow.
@@ -346,23 +348,24 @@ class ByCount(DensificationPolicy):
         """Return the number of Gaussians that fill a file of `size` bytes."""
         return int(max(size - self._exporter.empty_bytes, 0) / self._bytes_each)
 
-    def _learn(self, now: Snapshot, last: Snapshot) -> None:
-        """Compute `slope` and `_paying_count` from the gain in PSNR of the last round.
+    def _learn(self, before: tuple[int, float], after: tuple[int, float]) -> None:
+        """Compute `_slope` and `_paying_count` from the gain in PSNR of the last round.
 
-        last  state before that round
+        before, after  count and PSNR (dB) before and after that round
         """
-        gain = max(now.psnr - last.psnr, 0.0) / GAIN_OF_A_ROUND
-        doublings = portable.log2(now.count / last.count) if last.count else 1.0
+        (last, last_psnr), (count, psnr) = before, after
+        gain = max(psnr - last_psnr, 0.0) / GAIN_OF_A_ROUND
+        doublings = portable.log2(count / last) if last else 1.0
         # In a smaller round, most of the gain comes from convergence and not from new Gaussians.
         if doublings > 0.6:
             self._slope = min(max(gain / doublings, 0.5), 8.0)
         if self._gain:
             # At this count, one more kilobyte gains exactly as many dB as the preset demands.
             self._paying_count = gain / doublings / (self._gain * portable.log(2))
-            added = now.count - last.count
-            if last == self._before_leap and gain >= self._gain * added:
+            added = count - last
+            if before == self._before_leap and gain >= self._gain * added:
                 # The error would vanish if each Gaussian removed as much of it as in the leap.
-                self._paying_count = last.count + added / (1 - portable.power(10, -gain / 10))
+                self._paying_count = last + added / (1 - portable.power(10, -gain / 10))
 
     def _wanted(self, count: int, psnr: float, counts: dict[str, float]) -> float:
         """Return the count from which on no more Gaussians should be added.
