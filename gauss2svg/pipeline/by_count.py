@@ -124,12 +124,10 @@ class ByCount(DensificationPolicy):
         if plan.only_time_limits:
             self.expected = int(min(cap, run.budget.most_gaussians(0.0)))
             self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
-        # Growth has a first round, one round for each doubling, and perhaps one for a leap.
+        # Growth has a first round, one round for each doubling, and one to spare.
         self.rounds = max(1, math.ceil(portable.log2(max(self.expected, 1) / self._first)) + 2)
         self.stop_reason, self._slope = "cap", 3.0  # dB that a doubling of the count gains
-        # The count and the PSNR after the last round, and those before the leap.
-        self._last: tuple[int, float] | None = None
-        self._before_leap: tuple[int, float] | None = None
+        self._last: tuple[int, float] | None = None  # count and PSNR after the last round
         # Largest count at which one more kilobyte still gains as many dB as the preset demands.
         self._paying_count = math.inf
         self._converges_above = CONVERGES_ABOVE
@@ -242,10 +240,7 @@ class ByCount(DensificationPolicy):
         """Return the count for the next round of growth, or the present count if growth ends.
 
         The next count is twice the present one, or less if a limit does not allow so many
-        Gaussians. If a round gains too little, growth leaps once, to a fourth of the count that
-        other limits allow, because the first squares of a checkerboard gain next to nothing. If the
-        leap gains too little as well, the next count is the one before it, and the most useful
-        Gaussians stay.
+        Gaussians.
         """
         in_time, psnr = math.inf, now.psnr()
         if self._plan.only_time_limits:
@@ -268,16 +263,6 @@ class ByCount(DensificationPolicy):
         wanted = self._wanted(now.count, psnr, counts)
         if wanted >= 1.1 * now.count and wanted:
             return min(math.ceil(wanted), max(2 * now.count, self._first))
-        if self.stop_reason == "gain":
-            # Above areas, a leap may gain what the preset asks, but less than the price of a byte.
-            goes_back = not self._least_saved or wanted <= now.count / 4
-            if last is not None and last == self._before_leap and goes_back:
-                self._paying_count = last[0]
-                return last[0]
-            leap = int(min(counts.values())) // 4
-            if self._before_leap is None and leap > 4 * now.count:
-                self._before_leap = self._last
-                return leap
         return now.count
 
     def adjust(self, now: Snapshot) -> int:
@@ -362,10 +347,6 @@ class ByCount(DensificationPolicy):
         if self._gain:
             # At this count, one more kilobyte gains exactly as many dB as the preset demands.
             self._paying_count = gain / doublings / (self._gain * portable.log(2))
-            added = count - last
-            if before == self._before_leap and gain >= self._gain * added:
-                # The error would vanish if each Gaussian removed as much of it as in the leap.
-                self._paying_count = last + added / (1 - portable.power(10, -gain / 10))
 
     def _wanted(self, count: int, psnr: float, counts: dict[str, float]) -> float:
         """Return the count from which on no more Gaussians should be added.
