@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast, get_a
 
 from gauss2svg.errors import nearest, quoted, refusal
 from gauss2svg.fit import schedule
-from gauss2svg.fit.schedule import doubled, refinement_reduction
+from gauss2svg.fit.schedule import refinement_reduction
 from gauss2svg.options import Interval, OptionGroup, Seed, check_color
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.ink_lists import MOST_TONES, Inks, check_inks
@@ -179,11 +179,6 @@ class FitConfig:
             needed = f"{GAUSSIAN} with additive blending"
             raise refusal("falloff", needed, quoted(ADAPTIVE), f"--blend {OVER}")
 
-    @property
-    def totals(self) -> list[int]:
-        """Total number of Gaussians after each round, in ascending order."""
-        return list(self.round_totals) or doubled(self.gaussians, self.iterations)
-
     def steps(self, width: int, height: int) -> int:
         """Return the number of steps for a picture of width x height px."""
         start, can_extend = schedule.GROWTH_SHARE, self.extend and self.reduce and self.gaussians
@@ -238,13 +233,8 @@ class FitResult:
     rollbacks: int = 0
     rate: float = 1.0
 
-    def after(self, before: FitResult | None, stop_reason: str) -> FitResult:
-        """Return this result with another stop_reason, and with the costs of `before` added.
-
-        before: result of another fit, or None to add no costs.
-        """
-        costs = ("iterations", "wall_s", "cpu_s", "pixel_pairs", "rollbacks")
-        changes: dict[str, Any] = {
-            name: getattr(self, name) + (getattr(before, name) if before else 0) for name in costs
-        }
-        return dataclasses.replace(self, stop_reason=stop_reason, **changes)
+    def after(self, stop_reason: str, *others: FitResult) -> FitResult:
+        """Return this result with another stop_reason, and with the costs of other fits added."""
+        names, fits = ("iterations", "wall_s", "cpu_s", "pixel_pairs", "rollbacks"), (self, *others)
+        costs: dict[str, Any] = {name: sum(getattr(fit, name) for fit in fits) for name in names}
+        return dataclasses.replace(self, stop_reason=stop_reason, **costs)

@@ -33,14 +33,6 @@ def doubled(gaussians: int, iterations: int) -> list[int]:
     return sorted({math.ceil(gaussians * 0.5**k) for k in halvings} - {0})
 
 
-def reduction(gaussians: int, width: int, height: int) -> int:
-    """Return the divisor of a target's width and height in a round of growth.
-
-    gaussians: number of Gaussians at the end of the round.
-    """
-    return _divisor(gaussians, width, height, largest=8, least_side=32)
-
-
 def refinement_reduction(done: float, gaussians: int, width: int, height: int) -> int:
     """Return the number by which a target's width and height are divided in refinement.
 
@@ -50,13 +42,18 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
     Steps on targets of less than 128 px a side would take no less time.
     """
     largest = 4 if done < 0.45 else 2 if done < FULL_FROM else 1
-    return _divisor(gaussians, width, height, largest, least_side=128)
+    return reduction(gaussians, width, height, largest, least_side=128)
 
 
-def _divisor(gaussians: int, width: int, height: int, largest: int, least_side: int) -> int:
-    """Return the largest divisor that leaves 36 pixels a Gaussian and a side of least_side px.
+def reduction(
+    gaussians: int, width: int, height: int, largest: int = 8, least_side: int = 32
+) -> int:
+    """Return the divisor of a target's width and height, by default that of a round of growth.
 
-    Such targets save a fifth of the pixel-Gaussian pairs without a loss of PSNR.
+    It is the largest one that leaves 36 pixels a Gaussian and a side of least_side px. Such targets
+    save a fifth of the pixel-Gaussian pairs without a loss of PSNR.
+
+    gaussians: number of Gaussians, in growth at the end of the round.
     """
     factor = 1
     while (

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import refusal
 from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
 from gauss2svg.fit.population import AsWritten, Population
-from gauss2svg.fit.schedule import NEGLIGIBLE, Clock, DivergenceGuard
+from gauss2svg.fit.schedule import NEGLIGIBLE, Clock, DivergenceGuard, doubled
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import Target
 from gauss2svg.photo.pixels import psnr_of
@@ -64,7 +64,7 @@ class Snapshot(NamedTuple):
 
 
 class DensificationPolicy:
-    """A policy that decides the number of Gaussians. This base class follows FitConfig.totals.
+    """A policy that decides the number of Gaussians. This base class follows the FitConfig.
 
     rounds       approximate number of rounds of growth
     stop_reason  reason why growth ended, as in FitResult. It is valid once growth has ended
@@ -75,7 +75,7 @@ class DensificationPolicy:
     least_gain = -math.inf
 
     def __init__(self, config: FitConfig) -> None:
-        self._totals = config.totals
+        self._totals = config.round_totals or doubled(config.gaussians, config.iterations)
         self.rounds = len(self._totals)
         self.stop_reason = "iterations" if config.gaussians else "gaussians"
 
@@ -106,7 +106,7 @@ class FitSession:
 
     target      target of the picture at full size, made with config.fit.tuned
     policy      policy that decides the number of Gaussians. If it is None, the number follows
-                config.totals
+                config
     deadline    function that returns the time in s of time.perf_counter() at which the fit must
                 end. It is infinite if no time limits the fit
     progress    function that is called after every iteration, in the thread that fits

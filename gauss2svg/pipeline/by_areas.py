@@ -137,7 +137,7 @@ class ByAreas:
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
             return outcome
-        fitted, raster = outcome.fitted.after(None, "start"), self._exporter.raster(file.svg)
+        fitted, raster = outcome.fitted.after("start"), self._exporter.raster(file.svg)
         own = dataclasses.replace(outcome, file=file, raster=raster, fitted=fitted, notes=())
         return max(outcome, own, key=attrgetter("psnr"))
 
@@ -170,14 +170,14 @@ class ByAreas:
         both = ByCount(plan, above, run).run()
         is_closer = self._psnr(both) >= self._psnr(alone) + 0.02 or aim is not None
         if alone.file.size <= self._limit and not is_closer:
-            return dataclasses.replace(alone, fitted=fitted.after(both.fitted, reason))
+            return dataclasses.replace(alone, fitted=fitted.after(reason, both.fitted))
         reason, goal = both.fitted.stop_reason, self._plan.goal
         reason = "cap" if reason == "gaussians" and goal.count is None else reason
         reason = "time_limit" if self._is_hurried else reason
         # Shapes alone may reach a target that is missed with areas.
         is_open = not (goal.is_limited or self._plan.prefers_areas)
         return dataclasses.replace(
-            both, found=trial.found, fitted=both.fitted.after(fitted, reason),
+            both, found=trial.found, fitted=both.fitted.after(reason, fitted),
             corrections=both.corrections + alone.corrections,
             unsure=is_open and aim is not None and not aim.is_met_by(both.file.score),
         )  # fmt: skip

@@ -113,6 +113,7 @@ class ByBytes:
         caps = [math.prod(self.subject.size), self._plan.goal.count]
         caps += [self._plan.preset.cap] if self._plan.goal.quality is not None else []
         self._most = min(cap for cap in caps if cap is not None)
+        self._exporter = Exporter(self._plan, self.subject)
 
     def run(self) -> Outcome:
         """Search for the best file, and return it."""
@@ -129,11 +130,10 @@ class ByBytes:
             reason = "enough"
         elif count == self._most:
             reason = "gaussians" if count == self._plan.goal.count else "cap"
-        costs = FitResult(self.best.scene, 0, 0, 0.0, 0.0, 0, reason)
-        for fitted in self.fits:
-            costs = fitted.after(costs, reason)
+        none = FitResult(self.best.scene, 0, 0, 0.0, 0.0, 0, reason)
+        *others, last = none, *self.fits
         later_fits = max(len(self.fits) - 1, 0)
-        return Exporter(self._plan, self.subject).outcome(self.best, costs, later_fits)
+        return self._exporter.outcome(self.best, last.after(reason, *others), later_fits)
 
     def _stop(self) -> bool:
         """Return whether the search must end, and note whether it is for lack of time.
@@ -165,14 +165,14 @@ class ByBytes:
         init  way in which the fit places shapes, as in FitOptions
         rate  factor on the learning rate
         """
-        subject, options = self.subject, self._plan.options.fit
+        options = self._plan.options.fit
         tune, rate = self._plan.tune, rate * options.learning_rate
         config = FitConfig(
             gaussians=count,
             iterations=options.iterations or (600 if self._is_flat else ITERATIONS),
             fit=dataclasses.replace(options, tune=tune, learning_rate=rate, init=init),  # pyright: ignore[reportArgumentType]
             reduce=False,
-            opaque=not has_alpha(subject.working),
+            opaque=not has_alpha(self.subject.working),
         )
 
         def progress(now: FitProgress) -> None:
@@ -182,12 +182,12 @@ class ByBytes:
             self._run.notify("fit", dataclasses.replace(now, done=done, remaining_s=left_s))
 
         session = FitSession(
-            subject.target(tune), config, progress=progress, stop=self._stop,
+            self._exporter.target, config, progress=progress, stop=self._stop,
             as_written=lambda scene, _: with_few_exponents(scene, exponents),
         )  # fmt: skip
         session.fit()
         self.fits.append(session.result())
-        return scaled_to(session.scene(), subject.canvas)
+        return scaled_to(session.scene(), self.subject.canvas)
 
     def _written(self, fitted: Scene, exponents: Exponents) -> Export:
         """Write a scene with each grid and number of digits. Return the closest file by its model.
@@ -195,7 +195,7 @@ class ByBytes:
         A file that is too large loses its least useful Gaussians. If a file loses none, coarser
         ones are not tried.
         """
-        order = self.subject.by_usefulness(fitted, self._plan.tune)
+        order = self._exporter.by_usefulness(fitted)
         best = self.flat
 
         def write_in(unit: float, digits: int, count: int) -> Export:

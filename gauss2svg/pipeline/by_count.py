@@ -143,7 +143,7 @@ class ByCount(DensificationPolicy):
         if plan.only_time_limits:
             # The fit begins with few Gaussians on reduced pictures, because its steps are faster.
             config = dataclasses.replace(config, gaussians=self.expected)
-        session = self._session(self._subject.target(plan.tune), config)
+        session = self._session(self._exporter.target, config)
         if additive is not None:
             session.adopt(additive.scene, plan.fit_config.gaussians)
         if start and not session.population.target.is_blank:
@@ -171,16 +171,15 @@ class ByCount(DensificationPolicy):
             within = [export for export in candidates if export.size <= limit]
             best = max([self._exporter.pruned(best, limit), *within], key=attrgetter("score"))
         fitted = session.result()
-        if best in self._first_file:
-            fitted = fitted.after(None, "start")
-        fitted = fitted.after(additive, fitted.stop_reason)
+        reason = "start" if best in self._first_file else fitted.stop_reason
+        fitted = fitted.after(reason, *([] if additive is None else [additive]))
         return self._exporter.outcome(best, fitted, len(exports) - 1)
 
     def _additive(self) -> FitResult:
         """Run the additive fit of a portable file, whose Gaussians the fit of the file adopts."""
         plan, working, config = self._plan, self._subject.working, self._plan.fit_config
         self._run.budget.begin_fit(self.expected, share=0.35)
-        self._phase, target = "additive", self._subject.target(plan.tune)
+        self._phase, target = "additive", self._exporter.target
         if has_alpha(working):
             target = Target(over(working), plan.tune)
         fit = dataclasses.replace(config.fit, blend="add", falloff=None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Self, TypeVar
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.fit import PERCEPTUAL, FitResult, Tune
+from gauss2svg.fit import PERCEPTUAL, FitResult
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import model_psnr
@@ -57,7 +57,6 @@ class Subject:
     ground: Scene | None = None
     sprite: Sprite | None = None
     bytes_of: Callable[[str], int] = lambda svg: len(svg.encode())
-    _targets: dict[Tune, Target] = field(default_factory=dict, init=False)
 
     def reduced(self, pixels: float) -> Self:
         """Return a subject that is fitted on at most so many pixels."""
@@ -72,16 +71,6 @@ class Subject:
         """Width and height in px of the image that a fit runs on."""
         return self.working.shape[1::-1]
 
-    def target(self, tune: Tune) -> Target:
-        """Return the target of fits to the working image.
-
-        The target for a value of `tune` is made in the first call with this value. Later calls
-        return the same target again.
-        """
-        if tune not in self._targets:
-            self._targets[tune] = Target(self.working, tune, mask=self.focus, ground=self.ground)
-        return self._targets[tune]
-
     def weight(self, picture: NDArray[np.float32]) -> NDArray[np.float32] | None:
         """Return the weight (h, w) that the mask gives to the error of each pixel of a picture.
 
@@ -95,23 +84,6 @@ class Subject:
         If the picture has alpha, both are compared over white and over black.
         """
         return metrics.psnr(stacked(raster), stacked(picture), self.weight(picture))
-
-    def by_usefulness(self, scene: Scene, tune: Tune) -> NDArray[np.intp]:
-        """Return the indices of a scene's shapes, from the most to the least useful.
-
-        The most useful shape is the one without which the weighted error against the working image
-        would rise most.
-        """
-        target = self.target(tune)
-        scale = target.width / scene.width, target.height / scene.height
-        above = np.flatnonzero(scene.level == ABOVE)
-        cost = target.removal_cost(splats_of(scene.select(above), scale))[1][:, 0]
-        among = np.flatnonzero(scene.level != ABOVE)  # they belong to the ground
-        return np.concatenate([among, above[np.argsort(-cost, kind="stable")]])
-
-    def release(self) -> None:
-        """Free the memory of the targets of fits."""
-        self._targets.clear()
 
 
 def scaled_to(scene: Scene, size: tuple[int, int]) -> Scene:
@@ -149,6 +121,24 @@ class Exporter:
         # Function that rasterises an SVG at the photo's size.
         self.raster = lru_cache(maxsize=1)(draw)
 
+    @cached_property
+    def target(self) -> Target:
+        """Target of fits to the working image."""
+        subject = self._subject
+        return Target(subject.working, self._plan.tune, mask=subject.focus, ground=subject.ground)
+
+    def by_usefulness(self, scene: Scene) -> NDArray[np.intp]:
+        """Return the indices of a scene's shapes, from the most to the least useful.
+
+        The most useful shape is the one without which the weighted error against the working image
+        would rise most.
+        """
+        scale = self.target.width / scene.width, self.target.height / scene.height
+        above = np.flatnonzero(scene.level == ABOVE)
+        cost = self.target.removal_cost(splats_of(scene.select(above), scale))[1][:, 0]
+        among = np.flatnonzero(scene.level != ABOVE)  # they belong to the ground
+        return np.concatenate([among, above[np.argsort(-cost, kind="stable")]])
+
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
         """Return the scene on the canvas of the file, with the colours and exponents of the file.
 
@@ -159,7 +149,7 @@ class Exporter:
         # With a mask or a perceptual fit, errors count more at some pixels than at others. The
         # palette is made with the same weights as the fit.
         if len(scene) and (plan.tune == PERCEPTUAL or subject.focus):
-            weight = subject.target(plan.tune).visible_weight
+            weight = self.target.visible_weight
         palette, color_error = plan.quantization(len(scene), error)
         scaled = scaled_to(scene, subject.canvas)
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
@@ -216,8 +206,8 @@ class Exporter:
     def outcome(
         self, file: Export, fitted: FitResult, corrections: int, found: FoundAreas | None = None
     ) -> Outcome:
-        """Return the outcome of a search that chose a file, and free the targets of its fits."""
-        self._subject.release()
+        """Return the outcome of a search that chose a file, and free the target of its fits."""
+        vars(self).pop("target", None)
         raster = self.raster(file.svg)
         return Outcome(self._plan, self._subject, file, fitted, raster, corrections, found)
 
@@ -240,7 +230,7 @@ class Exporter:
         The Gaussians that are left are not fitted again. A file without Gaussians is returned even
         if it has more than `limit` bytes.
         """
-        order = self._subject.by_usefulness(export.scene, self._plan.tune)
+        order = self.by_usefulness(export.scene)
 
         def write(count: int) -> Export:
             return self.written(export.scene.select(np.sort(order[:count])), export.format)
@@ -354,8 +344,5 @@ def best_of(searched: Iterable[Outcome], plan: Plan, run: Run) -> Outcome:
     reason = "interrupted" if run.ended else best.fitted.stop_reason
     if aim is not None and is_met:
         reason = aim.of.option
-    fitted = best.fitted.after(None, reason)
-    for other in outcomes:
-        if other is not best:
-            fitted = fitted.after(other.fitted, reason)
-    return dataclasses.replace(best, fitted=fitted)
+    others = [outcome.fitted for outcome in outcomes if outcome is not best]
+    return dataclasses.replace(best, fitted=best.fitted.after(reason, *others))

@@ -364,11 +364,6 @@ class Run:
         self.reduced_bytes: int | None = None
         self._stop, self._progress, self._max_pixels = stop, progress, options.max_pixels
 
-    def limit_time(self, seconds: float, pixels: int, measured: int, steps: int | None) -> None:
-        """Begin the time budget of a run. The other arguments are fields of TimeBudget."""
-        deadline = self.started + seconds
-        self.budget = TimeBudget(deadline, pixels, measured, self.threads, steps or STEPS)
-
     def notify(self, phase: str, fit: FitProgress | None = None) -> None:
         """Report the phase of the run and the state of the fit to `progress`."""
         if self._progress is not None:

@@ -28,7 +28,7 @@ from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.report import run_report
-from gauss2svg.pipeline.run import Load, Run, load_of, size_that_fits
+from gauss2svg.pipeline.run import STEPS, Load, Run, TimeBudget, load_of, size_that_fits
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import inks_in
@@ -420,7 +420,8 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, fit: Size) -> Iterator[Out
         if plan.in_areas:
             subject = subject.reduced(AREA_PIXELS_A_SECOND * limit)
         sizes = math.prod(subject.size), math.prod(subject.photo.shape[:2])
-        run.limit_time(limit, *sizes, plan.options.fit.iterations)
+        steps = plan.options.fit.iterations or STEPS
+        run.budget = TimeBudget(run.started + limit, *sizes, run.threads, steps)
     if (outcome := _exact(plan, subject, run)) is not None:
         yield outcome
     for one in plan.searches():
