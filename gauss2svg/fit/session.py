@@ -16,6 +16,8 @@ The constants of this package come from ablations, which are in fit.md, placemen
 divergence.md and numbers.md of docs/decisions.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import itertools
 import math
@@ -24,7 +26,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from operator import itemgetter
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,6 @@ from gauss2svg.errors import refusal
 from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
 from gauss2svg.fit.population import AsWritten, Population
 from gauss2svg.fit.schedule import NEGLIGIBLE, Clock, DivergenceGuard, doubled
-from gauss2svg.fit.state import State
 from gauss2svg.fit.target import Target
 from gauss2svg.photo.pixels import psnr_of
 from gauss2svg.render import render
@@ -44,23 +44,6 @@ from gauss2svg.scene import ADD, OVER, Scene
 ADJUST_AT = (0.45, 0.55, 0.65)
 # Progress at which an action of a fit is due, and the action.
 _Event = tuple[float, Callable[[], None]]
-
-
-class Snapshot(NamedTuple):
-    """A fit as its policy sees it.
-
-    count  number of Gaussians
-    done   progress in 0..1
-    psnr   function that measures the PSNR in dB of the model on the working image
-    scene  function that returns the Gaussians on the working canvas
-    late   whether growth has used up its share of the time
-    """
-
-    count: int
-    done: float
-    psnr: Callable[[], float]
-    scene: Callable[[], Scene]
-    late: bool
 
 
 class DensificationPolicy:
@@ -79,26 +62,26 @@ class DensificationPolicy:
         self.rounds = len(self._totals)
         self.stop_reason = "iterations" if config.gaussians else "gaussians"
 
-    def grow(self, now: Snapshot) -> int:
+    def grow(self, fit: FitSession) -> int:
         """Return the number of Gaussians after the next round.
 
         If it is not above the present number, growth ends.
         """
-        return next((total for total in self._totals if total > now.count), now.count)
+        return next((total for total in self._totals if total > fit.count), fit.count)
 
-    def adjust(self, now: Snapshot) -> int:
+    def adjust(self, fit: FitSession) -> int:
         """Return the number of Gaussians with which refinement continues.
 
         It is called whenever the progress reaches one of the values ADJUST_AT.
         """
-        return now.count
+        return fit.count
 
-    def max_count(self, now: Snapshot, is_quantized: bool) -> int:
+    def max_count(self, fit: FitSession, is_quantized: bool) -> int:
         """Return the largest number of Gaussians that a file may have.
 
         It is called before the last steps: before the Gaussians are quantised, and after it.
         """
-        return now.count
+        return fit.count
 
 
 class FitSession:
@@ -115,6 +98,7 @@ class FitSession:
                 the change
     stop        function that is called before every step. If it returns True, the fit ends with its
                 present state
+    done        progress in 0..1
     """
 
     def __init__(
@@ -136,12 +120,13 @@ class FitSession:
         self.pixel_pairs = 0
         self.wall_s = self.cpu_s = 0.0
         self._progress, self._as_written = progress or (lambda _: None), as_written
+        self.done = 0.0
         self._error = math.inf  # mean squared error of the last sound step
 
     @property
-    def state(self) -> State:
-        """The Gaussians, in px of the current target."""
-        return self.population.state
+    def count(self) -> int:
+        """Number of Gaussians."""
+        return len(self.population)
 
     def fit(self) -> None:
         """Grow and refine until the policy or the clock ends the fit."""
@@ -149,7 +134,7 @@ class FitSession:
             if self.population.target.is_blank:
                 self.policy.stop_reason = "enough"
                 return
-            if not len(self.state):
+            if not self.count:
                 self._grow()
             steps = self.clock.iterations - self.clock.iteration
             adjustments = [(at, self._adjust) for at in ADJUST_AT]
@@ -192,11 +177,11 @@ class FitSession:
         rounds of growth but only refines these Gaussians.
         """
         self.population.adopt(scene)
-        self.population.densify_or_prune(max(count, len(self.state)))
+        self.population.densify_or_prune(max(count, self.count))
 
     def prune_to(self, count: int) -> None:
         """Remove the least useful Gaussians until at most `count` are left."""
-        self.population.densify_or_prune(min(count, len(self.state)))
+        self.population.densify_or_prune(min(count, self.count))
 
     def scene(self) -> Scene:
         """Return the Gaussians on the working canvas."""
@@ -207,7 +192,7 @@ class FitSession:
         reason = "time_limit" if self.clock.out_of_time else self.policy.stop_reason
         return FitResult(
             self.scene(), self.clock.iteration,
-            rounds=self.population.round_index + 1 if len(self.state) else 0,
+            rounds=self.population.round_index + 1 if self.count else 0,
             wall_s=self.wall_s, cpu_s=self.cpu_s, pixel_pairs=self.pixel_pairs,
             stop_reason="interrupted" if self.clock.stopped() else reason,
             rollbacks=self.guard.rollbacks, rate=self.config.fit.learning_rate * self.guard.rate,
@@ -222,9 +207,8 @@ class FitSession:
         for index in itertools.count():
             count = total = len(population)
             if not clock.stopped():
-                self._done = clock.growth_progress(index - 1)
-                is_late = clock.share_of_time() >= schedule.GROWTH_SHARE
-                total = self.policy.grow(self._snapshot(is_late))
+                self.done = clock.growth_progress(index - 1)
+                total = self.policy.grow(self)
             self.guard.reset()
             if total <= count:
                 population.reduce_to(population.reduction_at(schedule.GROWTH_SHARE))
@@ -257,13 +241,13 @@ class FitSession:
         sizes = [(at, self._change_size) for at in (0.0, 0.45, schedule.FULL_FROM)]
         due: list[_Event] = [*sizes, *events, (0.85, self._quantize)]
         remaining = deque(sorted(due, key=itemgetter(0)))
-        self._done = start
+        self.done = start
         while (done := self.clock.refinement_progress()) < 1:
-            self._done = done
+            self.done = done
             while remaining and remaining[0][0] <= done:
                 remaining.popleft()[1]()
             self._step(done)
-        self._done = 1.0
+        self.done = 1.0
         # These two are done even if the fit ends before their progress.
         self._change_size()
         if not self._quantized:
@@ -285,14 +269,14 @@ class FitSession:
 
     def _change_size(self) -> None:
         """Change the target to the size for the present progress, if it has another size."""
-        factor = self.population.reduction_at(self._done)
+        factor = self.population.reduction_at(self.done)
         if factor != self.population.reduction:
             with self._changing():
                 self.population.reduce_to(factor, scale_moments=True)
 
     def _adjust(self) -> None:
-        count = self.policy.adjust(self._snapshot())
-        if count != len(self.state):
+        count = self.policy.adjust(self)
+        if count != self.count:
             with self._changing():
                 self.population.densify_or_prune(count)
 
@@ -308,16 +292,12 @@ class FitSession:
         After quantising, exponents no longer change, and shapes share the colours of the file.
         """
         with self._changing(tolerant=False):
-            self.prune_to(self.policy.max_count(self._snapshot(), False))
-            if self._as_written is not None and len(self.state):
+            self.prune_to(self.policy.max_count(self, False))
+            if self._as_written is not None and self.count:
                 with self.clock.paused():
                     self.population.quantize(self._as_written, self.population.psnr())
-                    self.prune_to(self.policy.max_count(self._snapshot(), True))
+                    self.prune_to(self.policy.max_count(self, True))
             self._quantized = True
-
-    def _snapshot(self, is_late: bool = False) -> Snapshot:
-        population = self.population
-        return Snapshot(len(population), self._done, population.psnr, population.scene, is_late)
 
     def _restore_best(self, tolerant: bool = False) -> None:
         """Restore the best state of a stage if its last state is worse.

@@ -37,7 +37,7 @@ from operator import attrgetter
 
 from gauss2svg import portable
 from gauss2svg.fit import FitConfig, FitProgress, FitResult, schedule
-from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, FitSession, Snapshot
+from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, FitSession
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import PSNR, Search
 from gauss2svg.photo.pixels import has_alpha, over
@@ -156,7 +156,7 @@ class ByCount(DensificationPolicy):
             if plan.aim is not None:
                 run.notify("measure")
             exports.append(self._exporter.export(session.scene()))
-            count = len(session.state)
+            count = session.count
             # Above areas, which draw most of the picture, fewer corrections suffice.
             most = 2 if plan.rate and plan.aim is None and count >= 40 else 5
             ends = run.ended or session.clock.out_of_time
@@ -207,7 +207,7 @@ class ByCount(DensificationPolicy):
         session.begin_with(start)
         if (limit := plan.goal.byte_limit) is not None:
             first = self._exporter.export(session.scene())
-            if first.size <= limit and len(session.state) == count:
+            if first.size <= limit and session.count == count:
                 self._first_file = [first]
         # The bytes of shapes that are not yet quantised would mislead the search for the count.
         keeps = limit is None or bool(self._first_file)
@@ -235,73 +235,73 @@ class ByCount(DensificationPolicy):
         session = FitSession(target, config, policy, ends, progress, as_written, lambda: run.ended)
         return session
 
-    def grow(self, now: Snapshot) -> int:
+    def grow(self, fit: FitSession) -> int:
         """Return the count for the next round of growth, or the present count if growth ends.
 
         The next count is twice the present one, or less if a limit does not allow so many
         Gaussians.
         """
-        in_time, psnr = math.inf, now.psnr()
+        in_time, psnr = math.inf, fit.population.psnr()
         if self._plan.only_time_limits:
-            in_time = self._budget.most_gaussians(now.done)
-        elif now.late:
-            in_time = max(now.count, 1)
-        counts = self._counts(now, in_time, psnr)
+            in_time = self._budget.most_gaussians(fit.done)
+        elif fit.clock.share_of_time() >= schedule.GROWTH_SHARE:
+            in_time = max(fit.count, 1)
+        counts = self._counts(fit, in_time, psnr)
         # Beyond the PSNR of the preset, a byte of a shape above areas must save as much squared
         # error as one of an area.
         if self.least_gain and self._least_saved and psnr > self._plan.preset.stop_psnr:
             saved = self._least_saved * portable.power(10, psnr / 10)
             self._gain = 10 * portable.log10(1 + saved)
-        last, self._last = self._last, (now.count, psnr)
+        last, self._last = self._last, (fit.count, psnr)
         if last is None:
             # Only shapes converge. Areas are drawn from the first step on.
             self._converges_above = max(CONVERGES_ABOVE, psnr)
         else:
             self._learn(last, self._last)
             psnr += CONVERGES_AFTER_ROUND * max(psnr - self._converges_above, 0.0)
-        wanted = self._wanted(now.count, psnr, counts)
-        if wanted >= 1.1 * now.count and wanted:
-            return min(math.ceil(wanted), max(2 * now.count, self._first))
-        return now.count
+        wanted = self._wanted(fit.count, psnr, counts)
+        if wanted >= 1.1 * fit.count and wanted:
+            return min(math.ceil(wanted), max(2 * fit.count, self._first))
+        return fit.count
 
-    def adjust(self, now: Snapshot) -> int:
+    def adjust(self, fit: FitSession) -> int:
         """Return the count with which the fit goes on.
 
         This method estimates which count the limits will allow at the end of the fit, and moves the
         present count towards this estimate, by at most three tenths. The count is reduced by more
         only if it would otherwise exceed the cap or the limit of bytes.
         """
-        least, most = 0.7 * now.count, 1.3 * now.count
+        least, most = 0.7 * fit.count, 1.3 * fit.count
         # Gaussians are removed for lack of time only if there are more than twice too many.
-        in_time = max(2 * self._budget.most_gaussians(now.done), least)
+        in_time = max(2 * self._budget.most_gaussians(fit.done), least)
         if self._plan.only_time_limits:
-            in_time = min(in_time, now.count)
-        rate = CONVERGES_AFTER[max(bisect(ADJUST_AT, now.done) - 1, 0)]
-        psnr = now.psnr()
+            in_time = min(in_time, fit.count)
+        rate = CONVERGES_AFTER[max(bisect(ADJUST_AT, fit.done) - 1, 0)]
+        psnr = fit.population.psnr()
         psnr += rate * max(psnr - self._converges_above, 0.0)
         # The palette is chosen before it costs this loss, so at a PSNR that is higher by it.
-        counts = self._counts(now, in_time, psnr + self._plan.preset.color_loss)
-        wanted = self._wanted(now.count, psnr, counts)
-        if abs(wanted - now.count) <= 0.02 * now.count:
-            return now.count
+        counts = self._counts(fit, in_time, psnr + self._plan.preset.color_loss)
+        wanted = self._wanted(fit.count, psnr, counts)
+        if abs(wanted - fit.count) <= 0.02 * fit.count:
+            return fit.count
         return int(min(math.ceil(min(max(wanted, least), most)), *counts.values()))
 
-    def max_count(self, now: Snapshot, is_quantized: bool) -> int:
+    def max_count(self, fit: FitSession, is_quantized: bool) -> int:
         """Return the largest count that the cap, the time limit and the limit of bytes allow.
 
         Quantised Gaussians are not removed for lack of time, because this would save hardly any.
         """
         if is_quantized:
-            return int(min(self._counts(now, math.inf, None).values()))
+            return int(min(self._counts(fit, math.inf, None).values()))
         # If the time limit alone decides the steps, growth has already chosen a count for which the
         # time suffices for all steps, so that only the export still needs time. Otherwise growth
         # has chosen the count without regard to the time. The remaining steps and the search for
         # the file's colours then need time too.
-        done, colors = (1.0, False) if self._plan.only_time_limits else (now.done, True)
+        done, colors = (1.0, False) if self._plan.only_time_limits else (fit.done, True)
         in_time = self._budget.most_gaussians(done, colors)
-        return int(min(self._counts(now, in_time, now.psnr()).values()))
+        return int(min(self._counts(fit, in_time, fit.population.psnr()).values()))
 
-    def _counts(self, now: Snapshot, in_time: float, psnr: float | None) -> dict[str, float]:
+    def _counts(self, fit: FitSession, in_time: float, psnr: float | None) -> dict[str, float]:
         """Return a dict of the counts that the cap, the time limit and the limit of bytes allow.
 
         Its keys are the names that these limits have as stop reasons in the report. If bytes are
@@ -316,14 +316,14 @@ class ByCount(DensificationPolicy):
             return counts
         counts["time_limit"] = in_time
         if limit is not None:
-            refines = now.done > schedule.GROWTH_SHARE
+            refines = fit.done > schedule.GROWTH_SHARE
             # The fit has more shapes than the file may have, and the least useful ones are pruned
             # later. The bytes of a quantised scene hardly change in the last steps. With a target,
             # pruning after the fit would lower the score.
             is_last = psnr is None or self._plan.aim is not None
             share = 1.0 if is_last else 1.04 if refines else 1.25
-            if refines or now.count >= 200:
-                scene = self._exporter.quantized(now.scene(), psnr)
+            if refines or fit.count >= 200:
+                scene = self._exporter.quantized(fit.scene(), psnr)
                 self._bytes_each = self._exporter.bytes_each(scene, share * limit)
             counts["max_bytes"] = self._in_bytes(share * limit)
         return counts

@@ -16,7 +16,7 @@ def test_resized_fit_has_the_count_and_stays_a_good_fit(photo):
     scores = [metrics.psnr(render(session.scene()), photo)]
     for count in (200, 400):
         session.resize(count, 40)
-        assert len(session.state) <= count
+        assert session.count <= count
         scores.append(metrics.psnr(render(session.scene()), photo))
     before, fewer, again = scores
     assert fewer < before - 0.5
@@ -35,7 +35,7 @@ def test_fit_takes_the_time_until_its_deadline_and_no_more(photo, monkeypatch):
         session = session_of(photo[::4, ::4], config, deadline=lambda: float(begun + limit))
         session.fit()
         assert session.result().stop_reason == "time_limit"
-        assert len(session.state) == 60
+        assert session.count == 60
         assert next(ticks) - begun < limit + 20
         return session.result().iterations
 

@@ -22,7 +22,7 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate):
         photo,
         fit_config(150, 80, blend=blend, learning_rate=rate),
         progress=lambda now: seen.append(
-            (now.psnr, all(np.isfinite(a).all() for a in vars(session.state).values()))
+            (now.psnr, all(np.isfinite(a).all() for a in vars(session.population.state).values()))
         ),
     )
     seen: list = []
