@@ -57,12 +57,7 @@ from numpy.typing import ArrayLike, NDArray
 from gauss2svg.errors import instance, refusal, required, several
 from gauss2svg.scene import ABOVE, ADD, BLURRED, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.scene.falloff import (
-    RIM_WIDTH,
-    cut_radius,
-    drawn_radius,
-    half_radius,
-)
+from gauss2svg.scene.falloff import RIM_WIDTH, cut_radius, drawn_radius, half_radius
 from gauss2svg.svg import (
     CANVAS,
     DEFAULT_TITLE,
@@ -78,9 +73,8 @@ from gauss2svg.svg.forms import BLURS, CLEAR, Blur, as_written, gradient_stops, 
 from gauss2svg.version import __version__
 
 PORTABLE = "the alpha-composited form (--portable)"  # advice on an additive scene
-LARGE_FROM = (
-    16.0  # smallest exponent at which a gradient has the radius 100 (docs/decisions/svg.md)
-)
+# Smallest exponent at which a gradient has the radius 100 (docs/decisions/svg.md).
+LARGE_FROM = 16.0
 
 
 def document_svg(

@@ -108,7 +108,6 @@ def minimal_svg(
     *,
     opacity_decimals: int = OPACITY_DIGITS,
     stops: int = STOP_COUNTS[0],
-    masked: bool | None = None,
 ) -> str:
     """Return the shortest SVG text of a scene. Coordinates are whole numbers of units.
 
@@ -116,9 +115,6 @@ def minimal_svg(
     digits  number of hex digits of a colour, 3 or 6
     opacity_decimals  number of decimals of opacities
     stops   number of stops of a gradient, one of STOP_COUNTS
-    masked  whether soft shapes are drawn under masks (True) or by gradients (False). If None, as
-            many are drawn under masks as MOST_MASKED and FADING allow, and the others by
-            gradients
 
     The file draws rounded(scene, unit, digits, opacity_decimals).scene. Title, alt, size and aspect
     are written if the document has them. If the document has no size, the size of the canvas in px
@@ -146,7 +142,7 @@ def minimal_svg(
         cover = [Element("path", fill=fill, d=f"M0 0h{across:.0f}v{down:.0f}H0")]
         boxes.append(np.array([[0, 0, *whole]]))
     used = len(areas.definitions)
-    definitions, shapes = _drawing(drawn, numbers, opacity_decimals, stops, masked, used)
+    definitions, shapes = _drawing(drawn, numbers, opacity_decimals, stops, used)
     definitions = areas.definitions + definitions
     # The number of areas below each element. It is larger by 0.5 for an area.
     below = [(level[i], one) for i, one in shapes]
@@ -193,12 +189,7 @@ def whole_unit(width: int, height: int, about: float = 0) -> float:
 
 
 def _drawing(
-    scene: Scene,
-    numbers: Floats,
-    opacity_decimals: int,
-    stops: int,
-    masked: bool | None,
-    used: int,
+    scene: Scene, numbers: Floats, opacity_decimals: int, stops: int, used: int
 ) -> tuple[list[Element], list[tuple[int, Element]]]:
     """Return the definitions of the shapes of a file, and the elements of these shapes.
 
@@ -206,7 +197,6 @@ def _drawing(
 
     scene, numbers  as in Rounded
     stops   number of stops of a gradient
-    masked  as in minimal_svg
     used    number of ids that are already in use
     """
     plain, opacities = scene.drawn == PLAIN, [number(v, opacity_decimals) for v in scene.opacity]
@@ -214,7 +204,7 @@ def _drawing(
     kinds, soft = nearest_class(scene.beta).tolist(), np.flatnonzero(~plain)
     most = max(MOST_MASKED + FADING * (MOST_MASKED - len(soft)), 0)
     # The upper shapes get the masks, because they are smaller, so their masks are drawn faster.
-    split = max(len(soft) - {True: len(soft), False: 0, None: most}[masked], 0)
+    split = max(len(soft) - most, 0)
     by_gradient, by_mask = soft[:split].tolist(), soft[split:].tolist()
     has_gradient = set(by_gradient)
     is_close = len(by_mask) >= 60 or bool(scene.areas)

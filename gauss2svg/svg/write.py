@@ -18,15 +18,7 @@ from html import escape
 
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg import (
-    CURRENT_COLOR,
-    INKS,
-    MINIMAL,
-    NAMESPACE,
-    ROUNDS,
-    Document,
-    SvgFormat,
-)
+from gauss2svg.svg import CURRENT_COLOR, INKS, MINIMAL, NAMESPACE, ROUNDS, Document, SvgFormat
 from gauss2svg.svg.element import hex_color, number
 from gauss2svg.svg.encode import PORTABLE, editable_svg
 from gauss2svg.svg.forms import GRADIENT
@@ -77,16 +69,11 @@ def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Sc
     return grouped_by_ink(scene)
 
 
-def ordered_svg(
-    scene: Scene, svg_format: SvgFormat, document: Document, masked: bool | None = None
-) -> str:
-    """Return the text that write_svg returns, for a scene that in_file_order has already ordered.
-
-    masked  as in gauss2svg.svg.minimal.minimal_svg
-    """
+def ordered_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
+    """Return the text of write_svg for a scene that in_file_order has already ordered."""
     if svg_format.current_color:
         plain_format = dataclasses.replace(svg_format, current_color=False)
-        return _in_current_color(scene, plain_format, document, masked)
+        return _in_current_color(scene, plain_format, document)
     is_minimal, is_additive = svg_format.markup == MINIMAL, scene.blend == ADD
     if svg_format.form != GRADIENT and (is_minimal or is_additive):
         why = "in minimal markup" if is_minimal else "for an additive scene, whose blurs do not add"
@@ -94,7 +81,7 @@ def ordered_svg(
     if is_minimal:
         return minimal_svg(
             scene, svg_format.precision, HEX_DIGITS[-1], document,
-            opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops, masked=masked,
+            opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops,
         )  # fmt: skip
     if not is_additive:
         return editable_svg(scene, svg_format, document)
@@ -104,9 +91,7 @@ def ordered_svg(
     return additive_svg(scene, svg_format, document)
 
 
-def _in_current_color(
-    scene: Scene, svg_format: SvgFormat, document: Document, masked: bool | None
-) -> str:
+def _in_current_color(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
     """Return a file in which the only colour of a scene's areas is currentColor.
 
     A white page is left out, so that the icon shows on a dark page too. It stays if areas have its
@@ -121,8 +106,8 @@ def _in_current_color(
         levels.discard(page)
     has_others = len(scene) or any(not isinstance(paint, tuple) for paint in paints)
     if has_others or len(levels) != 1:
-        return ordered_svg(scene, svg_format, document, masked)
-    svg = ordered_svg(scene.replace(transparent=is_clear), svg_format, document, masked)
+        return ordered_svg(scene, svg_format, document)
+    svg = ordered_svg(scene.replace(transparent=is_clear), svg_format, document)
     (level,) = levels
     color = hex_color(level)
     svg = re.sub(f'(fill|stroke)="{color}"', rf"\1{CURRENT_COLOR}", svg)

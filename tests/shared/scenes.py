@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+from unittest.mock import patch
+
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -21,6 +24,7 @@ from gauss2svg.scene import (
     Scene,
     narrowing_of,
 )
+from gauss2svg.svg import minimal
 
 _BETAS = (0.5, 1.0, 1.0, 1.7, 16.0, 256.0)
 _OPACITIES = (0.0, 1e-7, 0.3, 0.9, 1 - 1e-7, 1.0)
@@ -154,3 +158,9 @@ def rounding_of(scene: Scene) -> float:
         return 1e-12
     steep = scene.beta * np.maximum(np.abs(scene.color).max(axis=1), 1)
     return 1e-12 + 1e-14 * float((steep / narrowing_of(scene.rho)).max()) * len(scene)
+
+
+def minimal_by_gradients(scene: Scene, *arguments: Any, **others: Any) -> str:
+    """The file of minimal_svg whose soft shapes all have gradients, as in a file of many shapes."""
+    with patch.object(minimal, "MOST_MASKED", 0):
+        return minimal.minimal_svg(scene, *arguments, **others)

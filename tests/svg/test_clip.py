@@ -7,14 +7,13 @@ from functools import partial
 import numpy as np
 import pytest
 from outlines import polygon, polyline
-from scenes import random_scene, random_sum
+from scenes import minimal_by_gradients, random_scene, random_sum
 from screens import drawn_in_pages
 
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, Area, Scene
 from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.encode import outline_svg
-from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import plate_svg, write_svg
 
@@ -33,7 +32,7 @@ CLIPPED = {
     "inks": lambda scene: write_svg(in_inks(scene), SvgFormat(layers="inks")),
     "plate": lambda scene: plate_svg(in_inks(scene), "#ff0000"),
     "masks": partial(write_svg, svg_format=MINIMAL),
-    "sheet": partial(minimal_svg, unit=0.5, masked=False),
+    "sheet": partial(minimal_by_gradients, unit=0.5),
     "arcs": lambda scene: write_svg(in_inks(scene), MINIMAL),
     "areas": lambda scene: write_svg(with_areas(scene)),
     "minimal areas": lambda scene: write_svg(with_areas(scene), MINIMAL),

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from outlines import box, polygon, polyline
-from scenes import random_areas, random_scene, with_levels
+from scenes import minimal_by_gradients, random_areas, random_scene, with_levels
 from svg_texts import CIRCLE, document
 
 from gauss2svg.errors import InputError, SceneError
@@ -227,7 +227,8 @@ def test_two_drawings_in_one_page_are_drawn_as_each_alone(kind):
     for seed, y in ((7, 0), (8, 48)):
         scene = random_scene(3, 64, 48, seed).replace(areas=random_areas(9, seed))
         page_size = Document(size="64px")
-        svg = minimal_svg(scene, 0.04, 6, page_size, masked=kind == "masks")
+        write = minimal_svg if kind == "masks" else minimal_by_gradients
+        svg = write(scene, 0.04, 6, page_size)
         svg = write_svg(scene, document=page_size) if kind == "editable" else svg
         svgs.append(svg[svg.index("<svg") :].replace("<svg", f'<svg y="{y}"', 1))
     ids = [set(re.findall(r'id="([a-zA-Z]+)"', svg)) - {"background", "areas"} for svg in svgs]

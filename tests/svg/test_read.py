@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import random_scene, random_sum
+from scenes import minimal_by_gradients, random_scene, random_sum
 from svg_texts import AS_PATH, CIRCLE, assert_same, document, gradient
 
 from gauss2svg.errors import InputError
@@ -205,7 +205,7 @@ def test_a_missing_background_is_a_transparent_scene():
 
 SIZE = 'width="40" height="30" viewBox="0 0 40 30"'
 ONE = Scene(20, 20, [[9, 9]], [[3, 2]], [0.1], [[1, 0, 0]], [0.5])
-SOFT, SHEET = (minimal_svg(ONE, 1, 6, masked=masked) for masked in (True, False))
+SOFT, SHEET = minimal_svg(ONE, 1, 6), minimal_by_gradients(ONE, 1, 6)
 MOVING = write_svg(ONE, document=Document(fragments=True, animate=2))
 FILL = 'fill="red" d="m0 0h9v9z"'
 STROKE = 'fill="none" stroke="red" d="m0 0h9v9"'

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import random_areas, random_scene, random_sum, with_levels
+from scenes import minimal_by_gradients, random_areas, random_scene, random_sum, with_levels
 
 from gauss2svg.errors import InputError, SceneError
 from gauss2svg.pipeline.plot import plotted
@@ -20,7 +20,6 @@ from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.inks import ink_name
 from gauss2svg.svg import Document, Form, Plotter, SvgFormat
 from gauss2svg.svg.encode import outline_svg
-from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.untrusted import Survey
 from gauss2svg.svg.write import plate_svg, with_marks, write_svg
 
@@ -48,8 +47,8 @@ WRITERS = {
     "inks": partial(write_svg, IN_INKS, BY_INK),
     "masks": partial(write_svg, SCENE.concatenate(SCENE), MINIMAL),
     "arcs": partial(write_svg, CRISP, MINIMAL),
-    "gradients": partial(minimal_svg, SCENE, 0.5, 6, masked=False),
-    "both": partial(minimal_svg, SCENE.concatenate(CRISP), 0.5, 3, masked=False),
+    "gradients": partial(minimal_by_gradients, SCENE, 0.5, 6),
+    "both": partial(minimal_by_gradients, SCENE.concatenate(CRISP), 0.5, 3),
     "areas": partial(write_svg, AREAS, None),
     "minimal areas": partial(write_svg, AREAS, MINIMAL),
     "outlined areas": partial(outline_svg, AREAS),

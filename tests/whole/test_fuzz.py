@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pictures import chunk, encoded
 from PIL import Image, ImageCms
-from scenes import random_scene, random_sum
+from scenes import minimal_by_gradients, random_scene, random_sum
 
 from gauss2svg.errors import Gauss2SvgError, InputError, RendererError
 from gauss2svg.measure.check import sized_svg
@@ -71,7 +71,7 @@ def svgs() -> list[bytes]:
         write_svg(scene, document=Document(aspect="xMidYMid slice", animate=2.0)),
         write_svg(scene, SvgFormat(form="blur", stops=6), Document(title="a & b", size="120mm")),
         write_svg(random_sum(5, 40, 30, 3)), outline_svg(scene),
-        minimal_svg(scene, 0.5, 3, masked=True), minimal_svg(scene, 0.5, 6, masked=False),
+        minimal_svg(scene, 0.5, 3), minimal_by_gradients(scene, 0.5, 6),
     ]  # fmt: skip
     edited = [path.read_bytes() for path in sorted(DATA.glob("*_by_inkscape.svg"))]
     return [*(text.encode() for text in texts), *edited, gzip.compress(texts[0].encode())]
