@@ -15,7 +15,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-# As gauss2svg.render.tiles does, which is too late where a test module imports torch first.
+# As gauss2svg.render.cpu does, which is too late where a test module imports torch first.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import gallery_site
@@ -32,7 +32,7 @@ from gauss2svg.errors import RendererError
 from gauss2svg.measure import NO_SCORES
 from gauss2svg.raster import RENDERERS, rasterize
 from gauss2svg.raster.isolated import Drawing
-from gauss2svg.render import tiles
+from gauss2svg.render import cpu
 
 
 def pytest_addoption(parser):
@@ -147,15 +147,15 @@ def browser() -> None:
 
 
 # Two threads also on one core, so that the tests of thread counts have two to compare.
-tiles.CORES = max(2, tiles.CORES)
+cpu.CORES = max(2, cpu.CORES)
 
 
 @pytest.fixture
 def threads_given_back() -> Iterator[None]:
     """For tests that set the number of threads."""
-    before = tiles.threads
+    before = cpu.threads
     yield
-    tiles.threads = before
+    cpu.threads = before
 
 
 @pytest.fixture

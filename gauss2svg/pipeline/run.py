@@ -30,8 +30,7 @@ from gauss2svg.photo.pixels import Header, Photo, Size, SizeNeeded, elongation, 
 from gauss2svg.pipeline.options import Progress, ProgressCallback, RunOptions
 from gauss2svg.pipeline.plan import CAP_FOR_TARGET, Plan
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, held_bytes
-from gauss2svg.render import tiles
-from gauss2svg.render.cpu import kernel_lock
+from gauss2svg.render import cpu
 from gauss2svg.scene import ADD
 
 # A file is measured at this many pixels or more, unless the photo itself has fewer
@@ -395,12 +394,12 @@ class Run:
         Only one thread of a process can be in such a with block. If other threads have runs too,
         they wait here until it has left the block.
         """
-        with kernel_lock:
-            before, tiles.threads = tiles.threads, self.threads
+        with cpu.kernel_lock:
+            before, cpu.threads = cpu.threads, self.threads
             try:
                 yield
             finally:
-                tiles.threads = before
+                cpu.threads = before
 
 
 def thread_count(count: int | None) -> int:
@@ -408,4 +407,4 @@ def thread_count(count: int | None) -> int:
 
     Raise InputError if `count` is larger than the number of cores.
     """
-    return tiles.CORES if count is None else Field("threads", int, 1, tiles.CORES).checked(count)
+    return cpu.CORES if count is None else Field("threads", int, 1, cpu.CORES).checked(count)

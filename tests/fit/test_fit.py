@@ -15,7 +15,7 @@ from gauss2svg.fit.state import COLUMN_COUNT, FIRST_DECAY, State, columns_of, st
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.photo.pixels import stacked
-from gauss2svg.render import render, render_rgba, tiles
+from gauss2svg.render import cpu, render, render_rgba
 from gauss2svg.render.cpu import squared_error
 from gauss2svg.scene import BLENDS, Scene
 from gauss2svg.scene.scene import STEPPED
@@ -54,7 +54,7 @@ def test_every_loss_placement_and_list_of_rounds_fits_the_photo(photo, options):
 def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, blend):
     scenes = []
     for threads, seed in ((1, 3), (2, 3), (2, 4)):
-        tiles.threads = threads
+        cpu.threads = threads
         scenes.append(fit(photo, fit_config(150, 20, seed=seed, init="error", blend=blend)).scene)
     one, same, other = scenes
     for name in ("mean", "sigma", "rho", "color", "opacity"):

@@ -12,7 +12,7 @@ from gauss2svg import quantize
 from gauss2svg.errors import RendererError
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
-from gauss2svg.render import tiles
+from gauss2svg.render import cpu
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.svg.write import write_svg
 
@@ -56,15 +56,15 @@ def test_every_option_reaches_the_fit(photo, change):
 
 def test_phases_come_in_order_on_the_threads_that_were_asked_for(photo, capfd):
     """And nothing is printed."""
-    seen, before = [], tiles.threads
+    seen, before = [], cpu.threads
     report = vectorize(
-        photo, threads=1, progress=lambda p: seen.append((p.phase, tiles.threads)), **QUICK
+        photo, threads=1, progress=lambda p: seen.append((p.phase, cpu.threads)), **QUICK
     ).report
     phases, threads = zip(*seen, strict=True)
     assert list(dict.fromkeys(phases)) == ["read", "fit", "write", "measure"]
     assert phases.count("fit") == QUICK["iterations"]
     assert set(threads[1:]) == {report["threads"]} == {1}
-    assert tiles.threads == before
+    assert cpu.threads == before
     assert capfd.readouterr() == ("", "")
 
 
