@@ -29,13 +29,14 @@ import numpy as np
 import torch
 from common import head, line
 from numpy.typing import NDArray
+from reference_render import below_one, render_reference
 
 from gauss2svg import Scene, SceneError, SvgFormat, quantize, write_svg
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
-from gauss2svg.render.reference import below_one, composite, render_reference
+from gauss2svg.render.reference import composite
 from gauss2svg.scene import ADD, RHO_LIMIT, narrowing_of
 
 WIDTH, HEIGHT = 40, 36  # px: two and a half tiles by two and a quarter

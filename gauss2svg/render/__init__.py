@@ -37,10 +37,9 @@ def render(
     The scene is scaled to the size of the image and sampled at pixel centres. A transparent scene
     is rendered over its background, which is white by default. Areas, lines and plain ellipses
     (scene.drawn) have no falloff. They cover pixels by shares, as SVG renderers draw them. A
-    Gaussian lies above the number of areas that scene.level says. render_reference of
-    gauss2svg.render.reference draws the same image slowly. Raise InputError if `scene` is not a
-    Scene, if the dtype is another one, or if a side is not a whole number of at least 1 px, or if
-    the image has more pixels than any photo.
+    Gaussian lies above the number of areas that scene.level says. Raise InputError if `scene` is no
+    Scene, if the dtype is another one, if a side is not a whole number of at least 1 px, or if the
+    image has more pixels than any photo.
     """
     width, height = output_size(scene, width, height)
     scale = (width / scene.width, height / scene.height)

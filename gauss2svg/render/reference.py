@@ -7,24 +7,19 @@ or, with additive blending,
 
     C(x) = background + sum_k f(|W_k (x - mean_k)|) c_k
 
-with f of gauss2svg.scene.falloff, sampled at pixel centres. For a plain ellipse (Scene.drawn),
-`coverage` of that module takes the place of f. The result is differentiable by
+with f of gauss2svg.scene.falloff, sampled at pixel centres. The result is differentiable by
 autograd, and there are no tiles and no approximations. Memory and time are proportional to the
 number of Gaussians times the number of pixels, so use this renderer only for small images.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import Any
 
-import numpy as np
-
 from gauss2svg.errors import refusal
-from gauss2svg.render import TorchMissingError, output_size, side_of
-from gauss2svg.render.areas import draw_areas
-from gauss2svg.scene import ABOVE, ADD, MOST_SIGNED, PLAIN, Scene, whitening_of
-from gauss2svg.scene.falloff import CUT, RIM, coverage, covered_radius
+from gauss2svg.render import TorchMissingError, side_of
+from gauss2svg.scene import MOST_SIGNED
+from gauss2svg.scene.falloff import CUT, RIM
 from gauss2svg.scene.scene import PARAMETERS
 
 try:  # autograd.py imports torch from this module, so that only this place reports a missing torch
@@ -60,34 +55,18 @@ def composite(
     domain (see shapes_of).
     """
     shapes = shapes_of(height, width, mean, sigma, rho, color, opacity, background, beta)
-    return _blended(shapes, height, width, additive=opacity is None)
-
-
-def _blended(
-    shapes: tuple[torch.Tensor, ...],
-    height: int,
-    width: int,
-    additive: bool,
-    plain: Collection[int] = (),
-) -> torch.Tensor:
-    """Return the image (height, width, 3) of shapes that shapes_of returned.
-
-    additive  whether the shapes are added up. If not, they are alpha-composited
-    plain     indices of the plain ellipses
-    """
-    mean, sigma, rho, color, opacity, background, beta = shapes
+    mean, sigma, rho, color, alpha, background, beta = shapes
     image = background.expand(height, width, 3)  # the background is one colour, or an image
     for k in range(len(mean)):
-        share = _coverage if k in plain else _falloff
-        falloff = share((mean[k], sigma[k], rho[k], beta[k]), height, width)[:, :, None]
-        if additive:
+        falloff = falloff_of((mean[k], sigma[k], rho[k], beta[k]), height, width)[:, :, None]
+        if opacity is None:
             image = image + falloff * color[k]
         else:
-            image = image + opacity[k] * falloff * (color[k] - image)
+            image = image + alpha[k] * falloff * (color[k] - image)
     return image
 
 
-def _falloff(shape: tuple[torch.Tensor, ...], height: int, width: int) -> torch.Tensor:
+def falloff_of(shape: tuple[torch.Tensor, ...], height: int, width: int) -> torch.Tensor:
     """Return the falloff (height, width) of a shape, by the formula of gauss2svg.scene.falloff.
 
     shape: mean, sigma, rho and beta.
@@ -113,51 +92,6 @@ def _falloff(shape: tuple[torch.Tensor, ...], height: int, width: int) -> torch.
     power = torch.where(off_mean, half, torch.ones_like(half)) ** beta
     bell = torch.exp(-torch.where(off_mean, power, torch.zeros_like(power)))
     return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell)).to(dtype)
-
-
-def _coverage(shape: tuple[torch.Tensor, ...], height: int, width: int) -> torch.Tensor:
-    """Return how much of each pixel (height, width) a plain ellipse covers. It has no gradient."""
-    (x, y), sigma, rho, beta = (tensor.cpu().double().numpy() for tensor in shape)
-    whitening, radius = whitening_of(sigma[None], rho[None])[0], covered_radius(beta[None])[0]
-    w11, w21, w22 = whitening
-    u, v = np.arange(width) + 0.5 - x, np.arange(height)[:, None] + 0.5 - y
-    z = np.stack(np.broadcast_arrays(w11 * u, w21 * u + w22 * v), axis=-1)
-    return torch.tensor(coverage(z, whitening, radius)).to(shape[0])
-
-
-def render_reference(
-    scene: Scene,
-    width: int | None = None,
-    height: int | None = None,
-    dtype: torch.dtype = torch.float64,
-    device: str | torch.device = "cpu",
-) -> torch.Tensor:
-    """Return the image (height, width, 3) in 0..1 of a scene, by default at the size of its canvas.
-
-    The parameters are first rounded to the dtype. A rho that is rounded to -1 or 1 becomes the
-    nearest number between them. Raise InputError for a scene or a size that
-    gauss2svg.render.render refuses.
-    """
-    width, height = output_size(scene, width, height)
-    # Scale the arrays and not the scene, because Scene.scaled raises an error if scaled shapes
-    # leave the domain of scenes.
-    scale, additive = (width / scene.width, height / scene.height), scene.blend == ADD
-    ground = np.full((height, width, 3), scene.background)
-    image, first = torch.tensor(ground, dtype=dtype, device=device), 0
-    for level in [*np.unique(scene.level[scene.level != ABOVE]).tolist(), ABOVE]:
-        last = len(scene.areas) if level == ABOVE else level
-        draw_areas(scene.areas[first:last], ground, scale)
-        shapes, first = scene.select(scene.level == level), last
-        arrays = (
-            shapes.mean * scale, shapes.sigma * scale, shapes.rho, shapes.color, shapes.opacity,
-            ground, shapes.beta,
-        )  # fmt: skip
-        tensors = [torch.tensor(array, dtype=dtype, device=device) for array in arrays]
-        tensors[2].clamp_(-below_one(dtype), below_one(dtype))
-        plain = np.flatnonzero(shapes.drawn == PLAIN)
-        image = _blended(tuple(tensors), height, width, additive, plain)
-        ground = image.cpu().to(torch.float64).numpy()
-    return image.clamp(0, 1) if additive else image
 
 
 def shapes_of(height: int, width: int, *tensors: Any) -> tuple[torch.Tensor, ...]:
@@ -192,8 +126,3 @@ def shapes_of(height: int, width: int, *tensors: Any) -> tuple[torch.Tensor, ...
             raise refusal(name, needed, str(tensor[bad][0].item()), "clamping it")
         shapes.append(tensor)
     return tuple(shapes)
-
-
-def below_one(dtype: torch.dtype) -> float:
-    """Return the largest number of a floating dtype that is below 1."""
-    return 1 - torch.finfo(dtype).eps / 2

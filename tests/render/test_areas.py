@@ -6,13 +6,12 @@ from both_renderers import drawn, in_both, tensors_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import random_scene, with_levels
-from with_torch import torch
+from with_torch import render_reference, torch
 
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.areas import coverage_of, draw_areas, ground_of
-from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import ABOVE, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline, RadialGradient
 

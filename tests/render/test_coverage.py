@@ -5,9 +5,9 @@ import pytest
 from both_renderers import in_both
 from hypothesis import given
 from hypothesis import strategies as st
+from with_torch import render_reference
 
 from gauss2svg.render.cpu import render_planar, splats_of, squared_error
-from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import coverage, covered_radius
 

@@ -5,11 +5,10 @@ from both_renderers import TORCH, drawn, in_both, tensors_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scenes import extreme_scenes, rounding_of
-from with_torch import torch
+from with_torch import below_one, render_reference, torch
 
 from gauss2svg.render import render
 from gauss2svg.render.cpu import splats_of, squared_error
-from gauss2svg.render.reference import below_one, render_reference
 from gauss2svg.scene import ADD, OVER, Scene
 
 blends = st.sampled_from([OVER, ADD])

@@ -9,10 +9,9 @@ import math
 import numpy as np
 import pytest
 from scenes import random_scene
-from with_torch import torch  # noqa: F401 (these tests are skipped without it)
+from with_torch import render_reference
 
 from gauss2svg.render import render
-from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 

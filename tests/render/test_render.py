@@ -5,13 +5,12 @@ import pytest
 from both_renderers import GRADIENT_OFF, OFF, TORCH, drawn, in_both, of_either_blend, tensors_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from with_torch import torch
+from with_torch import render_reference, torch
 
 from gauss2svg.errors import InputError
 from gauss2svg.render import render
 from gauss2svg.render.autograd import torch_loss
 from gauss2svg.render.cpu import removal_cost, splats_of, squared_error
-from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import ADD, OVER, Scene
 
 seeds = st.integers(0, 2**32 - 1)

@@ -4,7 +4,7 @@ import itertools
 import math
 from operator import attrgetter
 
-from with_torch import torch  # isort: skip, for the next module needs it
+from with_torch import render_reference, torch  # isort: skip, for the next module needs it
 import extremes
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from scenes import random_scene
 from gauss2svg.errors import InputError, SceneError
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
-from gauss2svg.render.reference import composite, render_reference
+from gauss2svg.render.reference import composite
 from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGNED
 
 pytestmark = pytest.mark.sweep
