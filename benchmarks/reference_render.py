@@ -32,6 +32,7 @@ def render_reference(
     # Scale the arrays and not the scene, because Scene.scaled raises an error if scaled shapes
     # leave the domain of scenes.
     scale, additive = (width / scene.width, height / scene.height), scene.blend == ADD
+    image = torch.empty(0)
     ground, first = np.full((height, width, 3), scene.background), 0
     for level in [*np.unique(scene.level[scene.level != ABOVE]).tolist(), ABOVE]:
         last = len(scene.areas) if level == ABOVE else level

@@ -82,7 +82,7 @@ def _peak_bytes() -> int | None:
 
 def machine() -> dict[str, Any]:
     """Return the CPU model, the number of usable cores and the platform."""
-    from gauss2svg.render.tiles import CORES  # imports NumPy, whose memory is none of a peer
+    from gauss2svg.render.cpu import CORES  # imports NumPy, whose memory is none of a peer
 
     cpu = _from_proc("cpuinfo", "model name") or platform.processor() or platform.machine()
     return {"cpu": cpu, "cores": CORES, "platform": platform.platform()}

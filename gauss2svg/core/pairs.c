@@ -1,4 +1,4 @@
-/* Pairs of Gaussians and tiles (gauss2svg.render.tiles), and connected components. */
+/* Pairs of Gaussians and tiles (gauss2svg.render.cpu), and connected components. */
 
 #include "core.h"
 

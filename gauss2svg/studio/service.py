@@ -30,7 +30,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.server import HANDLED_SIGNALS
 
 from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, refusal
-from gauss2svg.render.tiles import CORES
+from gauss2svg.render.cpu import CORES
 from gauss2svg.studio import StudioOptions
 from gauss2svg.studio.jobs import Jobs
 from gauss2svg.studio.routes import router, samples_in
