@@ -252,7 +252,13 @@ def with_corners(
     n = len(points)
     keep, moved = np.ones(n, bool), points.copy()
     gaps = np.diff(corners, append=corners[:1] + n)
+    before, after = points[corners] - points[corners - ARM], points[(corners + ARM) % n]
+    turn = angles_of(before, after - points[corners])
+    # A corner that turns little more than a disc of this length does may be a part of one.
+    is_round = closed & (turn < 1.5 * 2 * math.pi * ARM / n)
     for i, corner in enumerate(corners):
+        if is_round[i]:
+            continue
         gap = [gaps[i - 1], gaps[i]]
         if not closed:
             gap = [min(gap[0], corner + cut), min(gap[1], n - 1 - corner + cut)]

@@ -149,7 +149,7 @@ def as_rasterized(
     # If another renderer made the picture, the raster has many times the error of exact coverage.
     is_closer = squared(drawing.draw() - pixels) <= 8 * exact
     if is_closer:
-        drawing.refine(4, colors=False)
+        drawing.refine(8, colors=False)
         is_closer = squared(drawing.draw() - pixels) <= 1.6 * exact
     drawing.rasterize = None  # it would keep the memory of the drawing
     return find.shown_areas(drawing)[0] if is_closer else areas

@@ -218,6 +218,21 @@ def test_a_higher_price_of_bytes_gives_fewer_nodes():
 SIZES = [(1, 1), (1, 40), (3, 2), (40, 1), (96, 96)]
 
 
+@pytest.mark.parametrize("radius", [2.5, 3.0, 4.0])
+@pytest.mark.parametrize("has_rim", [False, True])
+def test_small_discs_are_round(radius, has_rim):
+    middles = [(20.13 * k + 10, 20.29 * j + 10) for k in range(4) for j in range(4)]
+    areas, page = [], np.full((SIDE, SIDE, 3), (0.9, 0.93, 0.965))
+    for x, y in middles:
+        rim = Area((disc(x, y, radius + 0.5),), (0.97, 0.96, 0.99))
+        areas += [rim] * has_rim + [Area((disc(x, y, radius),), (0.74, 0.55, 0.97))]
+    draw_areas(areas, page)
+    found = find_areas(page.astype(np.float32), is_clean=True)
+    discs = points_of([area for area in found.areas if color_of(area)[1] < 0.7])
+    away = np.hypot(*(discs[:, None] - middles).transpose(2, 0, 1)).min(axis=1)
+    assert np.abs(away - radius).max() < 0.25
+
+
 def test_nodes_do_not_follow_antialiasing():
     path = "M46 20c-5-12-28-12-28 2c0 13 28 9 28 21c0 14-24 13-28 2"
     svg = (
