@@ -37,12 +37,13 @@ FOLDER = "the name of a folder, such as . for this one"  # needed directory, for
 
 @cache
 def code_digest() -> str:
-    """Return the SHA-256 of the package's source files.
+    """Return the SHA-256 of the package's source files, and of the data that it reads.
 
     The key of a record contains it. So if the code changes, all runs are made again.
     """
     package = Path(__file__).parent.parent
-    sources = sorted(package.rglob("*.py"))
+    kinds = {".py", ".c", ".h", ".json"}
+    sources = sorted(path for path in package.rglob("*") if path.suffix in kinds)
     parts = (str(path.relative_to(package)).encode() + path.read_bytes() for path in sources)
     return hashlib.sha256(b"".join(parts)).hexdigest()
 

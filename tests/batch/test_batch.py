@@ -273,3 +273,18 @@ def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp
     assert (found["done"], found["failed"]) == (["e.svg"], ["a.svg"])
     assert (out / "a.svg").read_text() == "drawn by hand"
     assert "a.svg" in rows(out)["a.svg"]["error"]
+
+
+def test_workers_share_the_memory_equally(photos, tmp_path, monkeypatch):
+    whole, asked, write_svg = 8 << 30, [], many.vectorize_by
+    monkeypatch.setattr(many, "memory_limit", lambda _: whole)
+
+    def watched(options, *source, **given):
+        asked.append(options.run.max_memory)
+        return write_svg(options, *source, **given)
+
+    monkeypatch.setattr(many, "vectorize_by", watched)
+    for workers in (1, 3):
+        found = vectorize_many([photos], tmp_path / f"{workers}", tiny(), workers=workers)
+        assert not any(one.error for one in found)
+    assert asked == [whole] * len(NAMES) + [whole // 3] * len(NAMES)

@@ -18,8 +18,6 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
 from gauss2svg.svg.file import SVG, parse
 
-pytestmark = pytest.mark.process
-
 
 @pytest.fixture(autouse=True)
 def _here(monkeypatch, drawn_here, pool_here):

@@ -5,6 +5,7 @@ import time
 
 from flat import fit_config, session_of
 
+from gauss2svg.fit.schedule import Clock
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 
@@ -41,3 +42,16 @@ def test_fit_takes_the_time_until_its_deadline_and_no_more(photo, monkeypatch):
 
     for most in (2000, 10**6):
         assert steps(150, most) * 1.5 < steps(450, most)
+
+
+def test_refinement_that_begins_after_a_pause_ends_at_the_deadline(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    clock = Clock(100, 1, lambda: 10.0)
+    with clock.paused():
+        now[0] = 4.0
+    clock.begin_refinement(100, 0.5)
+    now[0] = 7.0
+    assert clock.refinement_progress() == 0.75
+    now[0] = 10.0
+    assert clock.refinement_progress() == 1

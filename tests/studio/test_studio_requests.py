@@ -7,12 +7,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from batches import PoolHere
 from pictures import png
 from studio_server import answer_of
 
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
-from gauss2svg.studio import service
+from gauss2svg.studio import jobs, service
 from gauss2svg.studio.routes import display_name, samples_in
 from gauss2svg.studio.service import Guard, create_app
 
@@ -168,3 +169,14 @@ def test_a_chart_is_drawn_and_its_texts_are_text():
     assert answer.headers["content-security-policy"].endswith("sandbox")
     texts = [one.text for one in ElementTree.fromstring(answer.text).iter() if one.text]
     assert {'<b>alert(1)</b>&"', "time, photo to measured SVG"} <= set(texts)
+
+
+def test_of_more_results_than_are_kept_the_oldest_are_forgotten(monkeypatch):
+    monkeypatch.setattr(jobs, "Pool", PoolHere)
+    monkeypatch.setattr(jobs, "MOST_KEPT", 2)
+    monkeypatch.setattr(jobs, "fit", lambda *_: None)
+    studio = create_app()
+    made = [answer_of(studio, "POST", "/api/jobs", **photo_of(PNG)).json()["id"] for _ in range(5)]
+    found = [answer_of(studio, "GET", f"/api/jobs/{name}").status_code for name in made]
+    assert found == [404, 404, 200, 200, 200]
+    assert len([*studio.app.state.jobs.folder.iterdir()]) == 3

@@ -36,6 +36,9 @@ BOX = 'd="M3 3h9v20z" fill="blue"'
 RING = "M20 14m-12 0a12 12 0 1 1 24 0a12 12 0 1 1-24 0M20 14m-6 0a6 6 0 1 1 12 0a6 6 0 1 1-12 0z"
 # What is drawn, and what a scene has of it
 DRAWN = {
+    '<path d="M5 5H25V20H5z" fill="red" fill-opacity=".8" stroke="blue" stroke-opacity=".3" '
+    'stroke-width="4"/>':
+        "1 area and 1 line of 8 nodes",
     '<path fill="red" d="M5 5a5 9 30 0020 20zM30 5a4 2 0 1110 0a4 2-20 0 1-10 1"/>':
         "1 area of 8 nodes",
     '<path fill="red" d="M5 5q9 0 12 9t10 9 3-3Q30 4 20 3T9 4z"/>': "1 area of 6 nodes",
