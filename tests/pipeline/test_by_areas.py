@@ -322,15 +322,15 @@ def test_a_photo_in_a_poster_is_one_area_below_gaussians():
 
 def test_thin_lines_of_a_large_drawing_keep_their_color():
     waves = "M60 150q160-120 320 0t320 0 320 0M60 190q160-120 320 0t320 0 320 0"
-    chart = f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1200 900"><path fill="#fff"
-    d="M0 0h1200v900H0z"/><g fill="none" stroke-width="2"><path d="{waves}" stroke="#111"/>
-    <path d="M60 500h1080v300H60z" stroke="#b02030"/></g></svg>"""
-    result = vectorize(rasterize(chart, 1200, 900))
+    chart = f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1200 600"><path fill="#fff"
+    d="M0 0h1200v600H0z"/><g fill="none" stroke-width="2"><path d="{waves}" stroke="#111"/>
+    <path d="M60 330h1080v230H60z" stroke="#b02030"/></g></svg>"""
+    result = vectorize(rasterize(chart, 1200, 600))
     colors = np.array([area.paint for area in result.scene.areas])
     for color in ((17, 17, 17), (176, 32, 48)):
         assert np.abs(255 * colors - color).max(axis=1).min() < 8
     assert result.report["measured_width"] == 1200
-    assert vectorize(rasterize(chart, 1200, 900), max_memory="8G").svg == result.svg
+    assert vectorize(rasterize(chart, 1200, 600), max_memory="8G").svg == result.svg
 
 
 def test_an_enlarged_drawing_is_reduced():
