@@ -1,16 +1,18 @@
 """Handle signals, print messages, and prepare for standard streams that are closed or fail.
 
 If Ctrl-C, SIGTERM or Ctrl-Break comes during the fit, the fit ends, and the command writes the best
-result so far. A second signal ends the command at once. A signal before the fit also ends the
-command at once, because there is nothing to write yet. If the first signal comes after the fit, the
-command still measures and writes the result. Every file is either written completely or left
-untouched.
+result so far. A second signal ends the command at once, unless it comes at the same moment: the
+program `timeout` sends each signal twice, to the process and to its group. A signal before the fit
+also ends the command at once, because there is nothing to write yet. If the first signal comes
+after the fit, the command still measures and writes the result. Every file is either written
+completely or left untouched.
 """
 
 import io
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -20,6 +22,7 @@ from gauss2svg.errors import on_one_line
 
 # Signals that end a command. Windows sends SIGBREAK after Ctrl-Break and when a console is closed.
 SIGNALS = {signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGBREAK", signal.SIGTERM)}
+SAME_MOMENT_S = 0.3  # seconds within which a second signal is the first one again
 UNTOUCHED = "interrupted; every file is whole or untouched"
 
 
@@ -32,7 +35,7 @@ class Interruption:
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        self._has_fitted = False
+        self._has_fitted, self._came_s = False, -SAME_MOMENT_S
 
     def should_stop(self) -> bool:
         """Return whether the fit should end. The fit calls this method after every step."""
@@ -42,12 +45,15 @@ class Interruption:
     def receive(self, number: int, _frame: FrameType | None) -> None:
         """Handle a signal: end the fit, or end the command at once.
 
-        The command ends at once if this is the second signal, or if the fit has not begun.
+        The command ends at once if this is a second signal, and not the first one again, or if the
+        fit has not begun.
         """
         is_first, self.signal = self.signal is None, number
-        if not is_first or not self._has_fitted:
+        before_s, self._came_s = self._came_s, time.monotonic()
+        if not self._has_fitted or (not is_first and self._came_s - before_s > SAME_MOMENT_S):
             raise_for(number)
-        _write_line("writing the best result so far; interrupt again to quit at once")
+        if is_first:
+            _write_line("writing the best result so far; interrupt again to quit at once")
 
 
 def _write_line(line: str) -> None:

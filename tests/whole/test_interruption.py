@@ -96,12 +96,23 @@ def test_an_interrupted_search_keeps_its_limit_and_makes_no_corrections(command,
 
 
 @in_turn(4, "write")
-def test_second_signal_ends_everything_and_leaves_the_old_file(number, moment, command, at, capfd):
+def test_second_signal_ends_everything_and_leaves_the_old_file(
+    number, moment, command, at, capfd, monkeypatch
+):
+    monkeypatch.setattr("gauss2svg.cli.terminal.SAME_MOMENT_S", -1.0)
     at(number, moment, moment)
     assert main(command) == STATUS[number]
     assert UNTOUCHED in capfd.readouterr().err
     assert Path("out.svg").read_text() == "old"
     assert sorted(os.listdir()) == ["out.svg", "photo.png"]
+
+
+def test_a_signal_that_comes_twice_at_one_moment_is_one(command, at, monkeypatch):
+    """The program `timeout` sends it to the process, and to the group of the process."""
+    monkeypatch.setattr("gauss2svg.cli.terminal.SAME_MOMENT_S", 1e9)
+    at(signal.SIGTERM, 4, 4)
+    assert main(command) == STATUS[signal.SIGTERM]
+    assert report_of_the_file()["iterations"] == 4
 
 
 def test_signals_that_were_ignored_at_the_start_stay_ignored():
