@@ -116,7 +116,7 @@ def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
         return array.astype(np.float32) / np.float32(np.iinfo(array.dtype).max)
     if not np.issubdtype(array.dtype, np.floating):
         needed = "uint8, uint16, bool or floating point"
-        raise refusal(f"type of {name}", needed, str(array.dtype))
+        raise refusal(f"type of {name}", needed, str(array.dtype), "floats in 0..1")
     bad = ~((array >= 0) & (array <= 1))  # `bad` is true for NaN too
     if bad.any():
         advice = "dividing by the largest value, or clipping"

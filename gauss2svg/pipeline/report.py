@@ -157,6 +157,9 @@ def _by_focus(outcome: Outcome) -> dict[str, float | None]:
     return dict(zip(("psnr_svg_inside", "psnr_svg_outside"), psnrs, strict=True))
 
 
+SOFT = 30.0  # dB below which a file is soft, as the summary says
+
+
 def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Iterator[str]:
     """Yield notes on choices of the run that a user may want to know about or to change.
 
@@ -164,10 +167,12 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
     """
     scene, raster = outcome.file.scene, outcome.raster
     # If the bytes suffice for no shape, `unreached` reports it.
-    is_clear = has_alpha(photo.pixels) and photo.pixels[:, :, 3].any()
-    is_empty = not len(scene) and not scene.areas
+    is_clear, is_empty = has_alpha(photo.pixels), not len(scene) and not scene.areas
     if is_clear and is_empty and outcome.fitted.stop_reason != "max_bytes":
         yield "the SVG is empty, because the photo is too transparent to be visible"
+    is_open = not (plan.goal.is_limited or plan.in_inks or plan.sketch or plan.prefers_areas)
+    if scene.areas and is_open and psnr_photo < SOFT:
+        yield "areas and lines are far from this picture. Soft shapes may be closer: --areas never"
     if outcome.plan.markup == MINIMAL != plan.options.svg.markup:
         yield (
             "the file is in minimal markup, which is closer in as few bytes but has no names or "

@@ -418,3 +418,12 @@ def test_without_a_limit_twice_the_bytes_must_be_closer_by_more_than_a_hair(limi
     for closer, is_larger in zip((0.1, 2.0), larger_is_best, strict=True):
         best = best_of([outcome(40_000, 35.0 + closer), outcome(20_000, 35.0)], plan, run)
         assert (best.file.size == 40_000) == is_larger
+
+
+def test_a_note_tells_of_areas_that_are_far_from_the_picture(monkeypatch):
+    assert not any("--areas never" in note for note in vectorize(DRAWING).report["notes"])
+    monkeypatch.setattr("gauss2svg.pipeline.report.SOFT", 80.0)
+    assert any("--areas never" in note for note in vectorize(DRAWING).report["notes"])
+    assert not any(
+        "--areas never" in note for note in vectorize(DRAWING, areas="always").report["notes"]
+    )
