@@ -53,6 +53,9 @@ STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the 
 # the bytes, as after a tracer.
 FEWER = 0.8
 GLOSSY = 0.77  # share of two-toned pixels near edges: .56 to .75 in glossy logos, .8 in flat ones
+# Areas of less dB may be farther than shapes alone from a picture of few pixels, as a sprite. In a
+# larger one they are letters and thin lines, which stay crisp.
+FAR, FEW_PIXELS = 32.0, 2**15
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 _ANEW = (
     "the start differs from the picture, so its areas were found anew, and edits may be lost. Edit "
@@ -132,7 +135,7 @@ class ByAreas:
             if psnr < enough:
                 error = self._trials.error_at(psnr)
                 unsure = self._trials.shapes_win(outcome.file.size, error)
-            unsure |= not is_limited and outcome.psnr < enough and self._is_glossy()
+            unsure |= not is_limited and outcome.psnr < enough and self._may_be_soft(psnr)
         notes = (_ANEW,) if self._is_anew else ()
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
@@ -231,16 +234,18 @@ class ByAreas:
         working = self._subject.working
         return model_psnr(outcome.file.scene, working, self._subject.weight(working))
 
-    def _is_glossy(self) -> bool:
-        """Return whether many pixels near edges are between two tones, as in a glossy logo.
+    def _may_be_soft(self, psnr: float) -> bool:
+        """Return whether areas of this PSNR in dB are far from a small picture, or one is glossy.
 
-        In a flat picture these are thin lines. In a JPEG or with few inks, areas are surely better.
+        Then many pixels near edges are between two tones. In a flat picture these are thin lines.
+        In a JPEG or with few inks, areas are surely better.
         """
-        is_surely_drawn = self._quality is not None or self._inks or is_flat(self._noisy)
-        if self._plan.prefers_areas or is_surely_drawn:
+        if self._plan.prefers_areas or self._quality is not None or self._inks:
             return False
         is_edge, is_even = two_toned(over(self._subject.working))
-        return bool(is_even.sum() < GLOSSY * is_edge.sum())
+        is_glossy = bool(is_even.sum() < GLOSSY * is_edge.sum())
+        is_far = psnr < FAR and math.prod(self._subject.size) <= FEW_PIXELS
+        return is_far or (is_glossy and not is_flat(self._noisy))
 
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found."""

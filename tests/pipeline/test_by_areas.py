@@ -427,3 +427,15 @@ def test_a_note_tells_of_areas_that_are_far_from_the_picture(monkeypatch):
     assert not any(
         "--areas never" in note for note in vectorize(DRAWING, areas="always").report["notes"]
     )
+
+
+def test_a_small_picture_that_areas_miss_is_drawn_by_shapes_alone():
+    waves = "".join(
+        f'<path fill="{color}" d="M12 {y}c30-14 60 14 104 0v8c-44 14-74-14-104 0z"/>'
+        for y, color in zip(range(24, 96, 8), ["#00796b", "#fff"] * 4 + ["#00796b"], strict=True)
+    )
+    block = '<path fill="#e65100" d="M12 24c16-8 31-3 50 1v36c-19-4-34-9-50-1z"/>'
+    ground = '<path fill="#dfe9f3" d="M0 0h128v128H0z"/>'
+    picture = rasterize(FRAME.format(ground + waves + block), 40, 40)
+    report, areas = (vectorize(picture, areas=choice).report for choice in ("auto", "always"))
+    assert report["psnr_svg"] > areas["psnr_svg"] + 2
