@@ -43,7 +43,9 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 _WIDEST = 0.022  # width of the widest line, as a share of the picture's longer side
 _SIDE = 800  # px along the longer side of the picture in which lines are found
-_THIN = 1.7  # px; small loops of thinner lines are filled there, so the picture is enlarged
+# Largest width in px of lines of which this picture is larger by a factor, and largest length of
+# all outlines in px
+_THIN, _FINER, _MOST_LENGTH = 1.7, 3, 50_000
 _FINE = 3  # cells along a side of a px in which lines are found
 _ALIKE = 10.5 / 255  # largest difference of two colours that a drawing does not tell apart
 
@@ -288,21 +290,18 @@ def _color(area: Area) -> tuple[float, ...]:
     return area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
 
 
-def _centrelines(
-    scene: Scene, cells_per_px: float, size: Floats, longest: int = _SIDE
-) -> tuple[list[_Line], Bools]:
+def _centrelines(scene: Scene, cells_per_px: float, size: Floats) -> tuple[list[_Line], Bools]:
     """Return the lines of a scene, and two masks (2, h, w) of a picture of it.
 
-    The masks say where parts that have lines are, and where their lines draw them.
-    Lines are the narrow parts of what is seen of a colour, whether areas or lines of the scene draw
-    it.
+    The masks say where parts that have lines are, and where their lines draw them. Lines are the
+    narrow parts of what is seen of a colour, whether areas or lines of the scene draw it.
     size  columns and rows of cells
-    longest  px along the longer side of the picture. If most lines are thin, it is three times that
     """
     sides = np.array([scene.width, scene.height])
+    longest = _SIDE * (_FINER if _is_thin(scene, _SIDE / sides.max()) else 1)
     scale, most = longest / sides.max(), longest * _WIDEST
     width, height = np.maximum(np.round(sides * scale), 1).astype(int).tolist()
-    seen = np.zeros((_FINE * height, _FINE * width), np.int16)  # areas by their colours, from 1 on
+    seen = np.zeros((_FINE * height, _FINE * width), np.int32)  # areas by their colours, from 1 on
     colors = np.array([_color(area) for area in scene.areas])
     for area, color in zip(scene.areas, colors, strict=True):
         if area.opacity > 0.5:
@@ -325,10 +324,28 @@ def _centrelines(
                 points = np.clip(_points_along(moved, size), 0, size)
                 lines.append(_Line(colors[k - 1], points, width_px * cells_per_px / scale))
             thin[:, top, left][(..., *part.box)] |= drawn
-    widths = [line.width * scale / cells_per_px for line in lines]
-    if longest == _SIDE and lines and np.median(widths) < _THIN:
-        return _centrelines(scene, cells_per_px, size, 3 * _SIDE)
     return lines, thin
+
+
+def _is_thin(scene: Scene, px: float) -> bool:
+    """Return whether half of the outlines of a scene, by their length, are around thin parts.
+
+    Small loops of such lines would be filled. The width of an area is taken as that of a bar, twice
+    its size divided by the length of its outlines. Very many lines would take minutes.
+
+    px  px of the usual picture for each of the scene
+    """
+    widths, lengths = [0.0], [0.0]
+    for area in scene.areas:
+        nodes = [outline.nodes for outline in area.outlines]
+        steps = [np.roll(one, -1, axis=0) - one for one in nodes]
+        length = sum(float(portable.hypot(*step.T).sum()) for step in steps)
+        pairs = zip(nodes, steps, strict=True)
+        twice = sum(float((n[:, 0] * s[:, 1] - n[:, 1] * s[:, 0]).sum()) for n, s in pairs)
+        widths.append(px * (area.width or abs(twice) / max(length, 1e-9)))
+        lengths.append(px * length)
+    thin = np.array(lengths)[np.array(widths) < _THIN].sum()
+    return bool(sum(lengths) <= _MOST_LENGTH and thin > 0.5 * sum(lengths))
 
 
 def _lines_of(part: Part, most: float) -> tuple[list[tuple[Floats, float]], Bools]:
