@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from gauss2svg.options import Interval, OptionGroup
+from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.svg import check_text
 
 
@@ -40,6 +41,9 @@ class GalleryOptions(OptionGroup):
 
     photo_size: Annotated[int, Interval(ge=1, le=16383)] = 2048  # WebP allows at most 16383 px
     """Longest side (px). Larger photos are reduced to it first."""
+
+    max_pixels: Annotated[int, Interval(ge=1, le=MOST_PIXELS)] = DEFAULT_MAX_PIXELS
+    """Maximum number of pixels of a photo. Larger photos are refused before they are decoded."""
 
     peer_timeout: Annotated[float, Interval(ge=1e-3, le=1e6)] = 3600.0
     """Maximum time (s) that another tool may take for a photo."""

@@ -85,8 +85,10 @@ def build_gallery(
     root = _folder(directory)
     # Several processes run at the same time, so each gets an equal share of the free memory as its
     # max_memory. Without this limit, each of them could take most of the free memory.
-    memory = memory_limit(None) // jobs
-    run_options = {"threads": threads, "max_memory": memory, "fragments": True}
+    run_options = {
+        "threads": threads, "max_memory": memory_limit(None) // jobs,
+        "max_pixels": options.max_pixels, "fragments": True,
+    }  # fmt: skip
 
     def task_of(photo: ListedPhoto, variant: Variant | None = None) -> Task:
         page = f"photos/{photo.slug}"

@@ -67,8 +67,8 @@ def run(request: Request) -> Run:
     The file is drawn at the size of the photo and compared with it.
 
     request  has the keys source (path of the photo), tool, settings, options (further options of
-             `vectorize`) and peer_timeout (s). If another method has made the file, it also has the
-             keys file (path) and numbers, as of `entries_of`.
+             `vectorize`, among them max_pixels) and peer_timeout (s). If another method has made
+             the file, it also has the keys file (path) and numbers, as of `entries_of`.
     Raise Gauss2SvgError if no file is made, or if the file cannot be measured.
     """
     return _by_gauss2svg(request) if request["tool"] == records.TOOL else _by_peer(request)
@@ -108,7 +108,8 @@ def _by_peer(request: Request) -> Run:
     White is put behind the transparent parts of the photo.
     """
     tool, settings = request["tool"], request["settings"]
-    photo = load_image(request["source"], matte=WHITE_MATTE).pixels
+    most = request["options"]["max_pixels"]
+    photo = load_image(request["source"], matte=WHITE_MATTE, max_pixels=most).pixels
     if "file" in request:
         if request["file"] is None:
             needed = "a file or a row for each photo"
@@ -176,10 +177,11 @@ def make_photo(request: Request) -> dict[str, Any]:
 
     The longest side of the WebP is at most photo_size px.
 
-    request  has the keys source, folder and photo_size
+    request  has the keys source, folder, photo_size, and options with max_pixels
     Raise InputError if the photo cannot be read, and OutputError if a file cannot be written.
     """
-    photo = load_image(request["source"], needed=request["photo_size"])
+    most, needed = request["options"]["max_pixels"], request["photo_size"]
+    photo = load_image(request["source"], max_pixels=most, needed=needed)
     pixels = photo.pixels
     shown = Image.fromarray(np.round(pixels * 255).astype(np.uint8))
     webp = saved(lambda stream: shown.save(stream, "WEBP", lossless=True, exact=True))
@@ -194,7 +196,7 @@ def make_svg(request: Request) -> dict[str, Any]:
              is the path of the WebP that make_photo wrote
     Raise Gauss2SvgError if the SVG cannot be made.
     """
-    header = header_of(request["source"])
+    header = header_of(request["source"], max_pixels=request["options"]["max_pixels"])
     # The photo's own file is vectorised if the photo is not larger than photo_size. Otherwise the
     # WebP that the page shows is vectorised in its place. This WebP is reduced to photo_size and
     # has 8 bits per channel.

@@ -25,6 +25,7 @@ from gauss2svg.compare.variants import GRIDS, Variant, entries_of, peer_variants
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import PSNR, SCORES, Score
 from gauss2svg.options import file_name
+from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.plan import PRESETS
 from gauss2svg.pipeline.run import thread_count
@@ -213,12 +214,12 @@ def run_bench(
     for photo in photos:
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
     entries = {variant: entries_of(variant.files, photos) for variant in variants}
+    of_runs = {"threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
         # Other tools do not use the number of threads.
         dependencies = (options.threads if variant.is_own else None,)
-        of_run = {"threads": options.threads}
-        parameters = {"options": of_run, "peer_timeout": options.peer_timeout}
+        parameters = {"options": of_runs, "peer_timeout": options.peer_timeout}
         entry = entries[variant].get(photo, {})
         return Task(photo, variant, parameters, dependencies, {}, entry)
 

@@ -30,7 +30,7 @@ def test_finished_work_is_kept_until_what_it_depends_on_changes(
     everything = all_requests("ab", slugs)
     found, first = made()
     assert found == everything
-    found, second = made(threads=1, jobs=3, peer_timeout=5, title="other")
+    found, second = made(threads=1, jobs=3, peer_timeout=5, title="other", max_pixels=10**6)
     assert (found, second.rows) == ([], first.rows)
     assert made(photos=two[::-1])[0] == []
     found, third = made(counts=[7, 9, 5])
