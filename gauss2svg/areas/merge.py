@@ -215,11 +215,11 @@ def kinks_of(path: Path) -> list[Kink]:
         bend = _bend(points, *around) - _bend(new, *around)
         if bend > BEND_RAD:
             found.append((bend, Kink(int(k), curve, segments[k, 0])))
-    kinks = list[Kink]()
+    kinks, beside = list[Kink](), set[int]()
     for _, kink in sorted(found, key=lambda one: -one[0])[: count - 2]:  # a path needs two segments
-        gaps = [(kink.segment - other.segment) % count for other in kinks]
-        if all(1 < gap < count - 1 for gap in gaps):
+        if kink.segment not in beside:
             kinks.append(kink)
+            beside |= {(kink.segment + step) % count for step in (-1, 0, 1)}
     return kinks
 
 

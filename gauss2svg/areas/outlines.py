@@ -31,6 +31,7 @@ from gauss2svg.without_scipy import smoothed
 # Function from points (n, 2) to the weight of a squared distance of 1 px along 1 px of an outline
 Weights = Callable[[Floats], Floats]
 ARM = 5  # points before and after a corner between which it turns
+ROUND = 1.2  # times the turn of a disc up to which a corner may be a part of one
 FINE = 3  # samples of a field for each px
 DOT_SEEN = 0.2  # least share of a dot in its pixels
 LEAST_DOT, MOST_DOT = 0.5, 3.0  # px^2 of a dot, because smaller ones are noise
@@ -255,7 +256,7 @@ def with_corners(
     before, after = points[corners] - points[corners - ARM], points[(corners + ARM) % n]
     turn = angles_of(before, after - points[corners])
     # A corner that turns little more than a disc of this length does may be a part of one.
-    is_round = closed & (turn < 1.5 * 2 * math.pi * ARM / n)
+    is_round = closed & (turn < ROUND * 2 * math.pi * ARM / n)
     for i, corner in enumerate(corners):
         if is_round[i]:
             continue

@@ -16,7 +16,7 @@ from PIL import Image
 
 from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import reading
-from gauss2svg.options import Field, file_name
+from gauss2svg.options import Field, check_color, file_name
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, FORMATS, MOST_PIXELS, PREFIX_BYTES, format_of
 from gauss2svg.photo.decoders import (
     SWAPPED,
@@ -214,6 +214,7 @@ def load_image(
     if 0 < brightest <= DARK:
         note = f"brightest sample is {brightest:.3f} of white; scale samples of 12 bits by 16 first"
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
+    matte = None if matte is None else check_color("matte", matte)
     if matte is None or not has_alpha(photo.pixels):
         return photo
     red, green, blue = (level / 255 for level in bytes.fromhex(matte[1:]))

@@ -313,8 +313,8 @@ def best_of(searched: Iterable[Outcome], plan: Plan, run: Run) -> Outcome:
 
     With an aim, an outcome within the limit of bytes is better than one beyond it. If two outcomes
     are both within it, or both beyond it, the one with the higher score is better. Without an aim,
-    the outcome with the higher PSNR is better. Without a limit, a larger file must be closer by
-    more than a hair.
+    the outcome with the higher PSNR is better. Without a limit, a file of ten times the bytes
+    must be closer by more than DB_OF_TENFOLD.
 
     The searches end early if an outcome meets the aim within the limit, if the run is stopped, and
     if areas are surely closer than shapes alone. The stop_reason of the best outcome is then the
@@ -336,8 +336,8 @@ def best_of(searched: Iterable[Outcome], plan: Plan, run: Run) -> Outcome:
 
     def closeness(outcome: Outcome) -> tuple[bool, float]:
         if aim is None:
-            price = DB_OF_TENFOLD * portable.log10(outcome.file.size) if limit == math.inf else 0.0
-            return True, outcome.psnr - price
+            price = 0.0 if plan.goal.is_limited else DB_OF_TENFOLD
+            return True, outcome.psnr - price * portable.log10(outcome.file.size)
         return outcome.file.size <= limit, outcome.file.score
 
     best = max(outcomes, key=closeness) if len(outcomes) > 1 else outcomes[0]

@@ -8,8 +8,8 @@ is one Gaussian in one tile. Kernels visit only those rows of the tile that the 
 reaches. So work is counted in pair rows, which have TILE_WIDTH pixels each. The kernels compute a
 pair row as one vector of 16 lanes (gauss2svg/core/lanes.h).
 
-They compute in float32. They go from one row of a pair to the next by adding
-w22 = 1 / (sy sqrt(1 - rho^2)) to the whitened offsets (`across` of gauss2svg/core/gaussians.h).
+Kernels go from one row of a pair to the next by adding w22 = 1 / (sy sqrt(1 - rho^2)) to the
+whitened offsets (`across` of gauss2svg/core/gaussians.h).
 Over 8 rows, rounding changes the offsets by up to 1e-6 w22, which is too much for very thin shapes.
 So shapes thinner than 1/64 px are split into pairs of one row each, which need no such addition.
 The shapes of a fit are far wider.

@@ -233,6 +233,22 @@ def test_small_discs_are_round(radius, has_rim):
     assert np.abs(away - radius).max() < 0.25
 
 
+def test_small_hexagons_keep_their_corners():
+    turns = np.arange(6) * np.pi / 3
+    middles = [(16.13 * k + 10, 16.29 * j + 10) for k in range(5) for j in range(5)]
+    areas = [
+        Area((polygon(*zip(x + 4 * np.cos(turns), y + 4 * np.sin(turns), strict=True)),), RED)
+        for x, y in middles
+    ]
+    paths = "".join(
+        f'<path fill="#cc1a1a" d="M{" ".join(map(str, area.outlines[0].nodes.ravel()))}z"/>'
+        for area in areas
+    )
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIDE} {SIDE}">{paths}</svg>'
+    found = find_areas(rasterize(svg, SIDE, SIDE), is_clean=True)
+    assert distance(points_of(found.areas), points_of(areas)) < 0.3
+
+
 def test_nodes_do_not_follow_antialiasing():
     path = "M46 20c-5-12-28-12-28 2c0 13 28 9 28 21c0 14-24 13-28 2"
     svg = (
