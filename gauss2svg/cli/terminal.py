@@ -9,6 +9,7 @@ completely or left untouched.
 """
 
 import io
+import math
 import os
 import signal
 import sys
@@ -35,7 +36,7 @@ class Interruption:
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        self._has_fitted, self._came_s = False, -SAME_MOMENT_S
+        self._has_fitted, self._first_ends_s = False, math.inf
 
     def should_stop(self) -> bool:
         """Return whether the fit should end. The fit calls this method after every step."""
@@ -49,10 +50,10 @@ class Interruption:
         fit has not begun.
         """
         is_first, self.signal = self.signal is None, number
-        before_s, self._came_s = self._came_s, time.monotonic()
-        if not self._has_fitted or (not is_first and self._came_s - before_s > SAME_MOMENT_S):
+        if not self._has_fitted or time.monotonic() > self._first_ends_s:
             raise_for(number)
         if is_first:
+            self._first_ends_s = time.monotonic() + SAME_MOMENT_S
             _write_line("writing the best result so far; interrupt again to quit at once")
 
 

@@ -242,10 +242,12 @@ class ByAreas:
         """
         if self._plan.prefers_areas or self._quality is not None or self._inks:
             return False
+        if psnr < FAR and math.prod(self._subject.size) <= FEW_PIXELS:
+            return True
+        if is_flat(self._noisy):
+            return False
         is_edge, is_even = two_toned(over(self._subject.working))
-        is_glossy = bool(is_even.sum() < GLOSSY * is_edge.sum())
-        is_far = psnr < FAR and math.prod(self._subject.size) <= FEW_PIXELS
-        return is_far or (is_glossy and not is_flat(self._noisy))
+        return bool(is_even.sum() < GLOSSY * is_edge.sum())
 
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found."""
