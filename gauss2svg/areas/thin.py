@@ -129,7 +129,8 @@ def _letters_of(regions: Regions) -> list[Letter]:
     # the pixels of a ground are in such squares.
     opened = ndimage.maximum_filter(inside, 5)
     thick, whole = (np.bincount(one[one >= 0], minlength=len(paints)) for one in (opened, cores))
-    is_thick = thick > 0.5 * whole
+    # Mixtures do not look like a gradient.
+    is_thick = (thick > 0.5 * whole) | [paint.is_shaded for paint in paints]
     solid = (cores >= 0) & is_thick[cores]
     part, boxes = parts_of((~is_thick[regions.largest] | (regions.error > UNEXPLAINED)) & ~solid)
     letters = []
