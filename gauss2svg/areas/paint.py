@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import find_objects
 
-from gauss2svg.areas.arrays import LEVEL, Floats, Ints, pixels_of
+from gauss2svg.areas.arrays import LEVEL, Floats, Ints, parts_of, pixels_of
 from gauss2svg.core import Kernel
 from gauss2svg.portable import cos, dot, exp, hypot, least_squares, main_axis, product, sin, solve
 from gauss2svg.scene.areas import LinearGradient, RadialGradient
@@ -20,6 +20,7 @@ GAIN, ROUND_GAIN = 0.5, 0.8
 ALIKE = 2.6 * LEVEL  # largest difference of two colours that become one
 PRIOR, PRIOR_PER_PX = 0.5, 0.3  # weight of a colour's first value, and more for each pixel of it
 LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
+LEAST_EVEN = 0.2  # share of a region's pixels with the colour into which gradients fade
 SHADES = 1024  # colours of a gradient's table (gauss2svg/core/paints.h)
 
 _explain_pixels = Kernel(
@@ -229,8 +230,10 @@ def paints_of(pixels: Floats, labels: Ints) -> list[Paint]:
 
     Parts of gradients become one region, so `labels` are changed.
     """
-    sizes, boxes = np.bincount(labels[labels >= 0]), find_objects(labels + 1)
+    boxes = find_objects(labels + 1)
     paints = [paint_of(pixels, *pixels_of(labels[box] == k, box)) for k, box in enumerate(boxes)]
+    _split_off_ramps(pixels, labels, paints)
+    sizes = np.bincount(labels[labels >= 0], minlength=len(paints))
     shared: list[Paint] = []
     for k in np.argsort(-sizes, kind="stable"):
         paint = paints[k]
@@ -243,6 +246,47 @@ def paints_of(pixels: Floats, labels: Ints) -> list[Paint]:
         paints[k].prior += PRIOR_PER_PX * sizes[k]
     _join_parts_of_gradients(pixels, labels, paints)
     return paints
+
+
+def _split_off_ramps(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
+    """Split regions of one colour and of gradients that begin at it without an edge.
+
+    Where a gradient fades into the colour beside it, both are one core. If a part with another
+    colour than most pixels has a gradient that draws it, it becomes a region. `labels` and `paints`
+    are changed.
+    """
+    for k, box in enumerate(find_objects(labels + 1)):
+        own = labels[box] == k
+        ys, xs = pixels_of(own, box)
+        if not paints[k].is_shaded and np.abs(pixels[ys, xs] - paints[k].color).max() <= EVEN:
+            continue
+        if _is_drawn(pixels, ys, xs, paints[k]):
+            continue
+        _, first, counts = np.unique(
+            np.round(255 * pixels[ys, xs]), return_index=True, return_counts=True, axis=0
+        )
+        even = Paint(pixels[ys, xs][first[counts.argmax()]])
+        differs = own & (np.abs(pixels[box] - even.color).max(axis=-1) > EVEN)
+        if np.count_nonzero(differs) > (1 - LEAST_EVEN) * len(ys):
+            continue
+        part, part_boxes = parts_of(differs)
+        names = list[int]()
+        for name, inner in enumerate(part_boxes, 1):
+            at = pixels_of(part[inner] == name, inner)
+            at = at[0] + box[0].start, at[1] + box[1].start
+            ramp = paint_of(pixels, *at)
+            if ramp.is_shaded and _is_drawn(pixels, *at, ramp):
+                labels[at] = len(paints)
+                paints.append(ramp)
+                names.append(name)
+        if names:
+            paints[k] = paint_of(pixels, *pixels_of(labels[box] == k, box))
+
+
+def _is_drawn(pixels: Floats, ys: Ints, xs: Ints, paint: Paint) -> bool:
+    """Return whether a paint draws nearly all of these pixels (n,)."""
+    off = np.abs(pixels[ys, xs] - paint.at(xs, ys)).max(axis=1)
+    return np.count_nonzero(off > 4 * LEVEL) <= 0.05 * len(ys)
 
 
 def _join_parts_of_gradients(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
