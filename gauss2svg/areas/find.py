@@ -21,8 +21,9 @@ from gauss2svg.scene.areas import CAPS, Area, Outline
 
 RATE = 0.0012  # squared error that a byte of an area must save
 # Least squared error that a byte of an outline must save, for each unit of the median squared error
-# of pixels along outlines, because nodes that follow antialiasing save some too
-PRICE_OF_SCATTER = 27.0
+# of pixels along outlines, because nodes that follow antialiasing save some too. It is higher in a
+# picture with soft edges, whose blur is never quite that of the drawing.
+PRICE_OF_SCATTER, PRICE_IF_SOFT = 27.0, 100.0
 UNIT = 1 / 32  # px of path data
 STEPS = 20  # steps of refinement before nodes are merged, and after each time that they are
 
@@ -88,6 +89,7 @@ def find_areas(
         channels_of(picture), unit, rate, shaded, most_cores, poll, glance, is_clean
     )
     drawing.focus, drawing.is_clean = focus, is_clean
+    drawing.soften()
     # Faint layers are not even refined. Before that, the others save less than they will.
     layers = merge.without_cheap(drawing, unit, min(max(0.0015, rate), 0.004))
     drawing = drawing.with_layers(layers, is_tied=False)
@@ -132,8 +134,9 @@ def refined(
 
     refine(steps)
     for _ in range(2):
-        scatter = drawing.scatter if drawing.is_clean else 0.0
-        price = max(rate, PRICE_OF_SCATTER * scatter)
+        factor = PRICE_OF_SCATTER if drawing.is_clean else 0.0
+        factor = PRICE_IF_SOFT if drawing.softness else factor
+        price = max(rate, factor * drawing.scatter)
         drawing = drawing.with_layers(merge.merged(drawing, unit, price))
         refine(later)
     drawing = drawing.with_layers(merge.without_cheap(drawing, unit, rate))

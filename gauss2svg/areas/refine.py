@@ -28,8 +28,11 @@ from gauss2svg.areas.arrays import Bools, Box, Floats, Ints
 from gauss2svg.areas.outlines import Path, angles_of, lengths_of
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
+from gauss2svg.without_scipy import smoothed
 
 RATE = 4.0  # samples for each px of an outline
+# A picture is soft if its drawing is blurred by SOFT px and then has at most this share of the error.
+SOFT, SOFTER = 0.45, 0.75
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 _compose_layers = Kernel(
@@ -100,6 +103,7 @@ class Drawing:
         self.rasterize: Callable[[], NDArray[np.float32]] | None = None
         # (h, w) weights of errors, for which nodes and layers are left out. None: all are 1
         self.focus: Floats | None = None
+        self.softness = 0.0  # standard deviation in px of the blur of the picture's edges
         self.is_clean = False  # whether neither JPEG nor a filter that overshoots made the picture
         self.noise = 0.0  # mean squared distance in px by which outlines seem to be off
         self.scatter = 0.0  # median squared error of the pixels along outlines
@@ -169,7 +173,7 @@ class Drawing:
         new = Drawing(
             self.pixels, self.ground, self.paints, layers, is_tied, self.picture, self._memory
         )
-        new.focus, new.is_clean = self.focus, self.is_clean
+        new.focus, new.is_clean, new.softness = self.focus, self.is_clean, self.softness
         return new
 
     def boxes(self) -> Ints:
@@ -206,10 +210,22 @@ class Drawing:
             self.closed, self.layer_start, self.width, self.cap, self._opacity, form, place, table,
             self.box, self.offset, np.empty((h, w + 2)), canvas, self.cover, self.below,
         )  # fmt: skip
+        if self.softness:
+            return smoothed(canvas, self.softness)
         if self.rasterize is None:
             return canvas
         del canvas  # a raster takes much memory
         return self.rasterize()
+
+    def soften(self) -> None:
+        """Set the softness to that at which the drawing is closest, if the picture is soft."""
+        drawn = self.draw()
+
+        def error(softness: float) -> float:
+            return squared(smoothed(drawn, softness) - self.pixels)
+
+        if error(SOFT) <= SOFTER * squared(drawn - self.pixels):
+            self.softness = min(np.arange(0.35, 1.6, 0.05).tolist(), key=error)
 
     def weigh(self) -> None:
         """Write what shows of layers, `visible` (m,), and the derivatives `weight` (m, c).
@@ -327,6 +343,9 @@ class Drawing:
         along = rows[places].astype(np.float64)
         if len(along):
             self.scatter = float(np.median((along**2).sum(axis=1)))
+        if self.softness:  # the gradient of a blurred raster
+            blurred = smoothed(error, self.softness)
+            along = blurred.reshape(rows.shape)[places].astype(np.float64)
         move, widen = self._solved(samples, along, damping)
         loss = squared(error)
         # Each entry has the pixels through which the outlines of a path run.

@@ -76,8 +76,8 @@ class ByAreas:
 
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
         width, height = subject.size
-        if (times := clean.enlargement_of(subject.working)) > 1:
-            small = shrunk(subject.working, round(height / times), round(width / times), sharp=True)
+        if is_doubled := clean.was_doubled(subject.working):
+            small = shrunk(subject.working, round(height / 2), round(width / 2), sharp=True)
             subject = dataclasses.replace(subject, working=small)
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
         precision = plan.options.svg.precision
@@ -99,7 +99,7 @@ class ByAreas:
         if self._is_rung and not self._noise:
             working = ringing.without_bands(working)
         # Whether areas match the photo itself
-        self._is_as_given = times == 1 and not (self._noise or plan.sketch or plan.in_inks)
+        self._is_as_given = not (is_doubled or self._noise or plan.sketch or plan.in_inks)
         start = subject.start
         if start is not None and plan.in_inks:
             areas = changes.areas_in_inks(start.areas, str(plan.options.fit.inks))
@@ -265,6 +265,7 @@ class ByAreas:
         has_shapes, ground = len(trial.ground) > 0, trial.ground.select([])
         # Other renderers take too long for a step of a fit.
         is_fast = renderer == "resvg" and found.areas and not self._ends()
+        is_fast &= not (found.drawing and found.drawing.softness)
         if not is_fast or (has_shapes and not self._is_as_given):
             return trial
 

@@ -261,9 +261,9 @@ def vectorize_by(
     whole = photo.pixels if is_whole and photo is not measured else None
     plan = plan.for_picture(pixels, whole)
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
-        from gauss2svg.areas.clean import enlargement_of  # loads the kernels of areas
+        from gauss2svg.areas.clean import was_doubled  # loads the kernels of areas
 
-        if is_whole and enlargement_of(pixels if whole is None else whole) == 1:
+        if is_whole and not was_doubled(pixels if whole is None else whole):
             measured, pixels = photo, pixels if whole is None else whole
             working = pixels
         else:

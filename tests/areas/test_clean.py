@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from test_find import DRAWINGS, color_of, drawn, points_of
 from test_texture import jpeg, pixels_of
 
-from gauss2svg.areas.clean import cleaned, enlargement_of, noise_of, without_shading
+from gauss2svg.areas.clean import cleaned, noise_of, was_doubled, without_shading
 
 
 def image_of(picture):
@@ -77,19 +77,34 @@ def test_a_dark_card_keeps_its_edge_above_its_shadow():
         assert np.abs(crisp[part] - color).max() < 2 / 255
 
 
-@pytest.mark.parametrize("times", [1.5, 2.0])
 @pytest.mark.parametrize("name", ["BILINEAR", "BICUBIC", "LANCZOS"])
-def test_an_enlarged_drawing_is_told_and_not_said_to_be_larger_than_it_is(times, name):
-    drawing = enlarged(drawn(DRAWINGS["a polygon"]), times, Image.Resampling[name])
-    assert 1 < enlargement_of(drawing) <= times
+def test_a_doubled_drawing_is_told(name):
+    drawing = drawn(DRAWINGS["a polygon"])
+    assert was_doubled(enlarged(drawing, 2.0, Image.Resampling[name]))
+    assert not was_doubled(drawing)
+    assert not was_doubled(enlarged(drawing, 1.5, Image.Resampling[name]))
 
 
-def test_a_drawing_with_details_of_a_pixel_was_not_enlarged():
+def test_a_drawing_with_details_of_a_pixel_was_not_doubled():
     soft = gaussian_filter(drawn(DRAWINGS["a polygon"]), (1, 1, 0))
-    assert enlargement_of(soft) > 1
+    assert was_doubled(soft)
     rows, columns = np.indices(soft.shape[:2])
     details = np.where((rows + columns) % 2, 0.05, -0.05)[..., None]
-    assert enlargement_of(np.clip(soft + details, 0, 1).astype(np.float32)) == 1
+    assert not was_doubled(np.clip(soft + details, 0, 1).astype(np.float32))
+
+
+@pytest.mark.parametrize("blur", [0.5, 0.8])
+def test_a_drawing_with_soft_edges_has_the_areas_of_the_crisp_one(blur):
+    """Outlines that follow a blur are serrated."""
+    for name in ("two apart", "discs in discs", "a polygon"):
+        areas = DRAWINGS[name]
+        found = vectorize(gaussian_filter(drawn(areas), (blur, blur, 0))).scene
+        assert len(found.areas) == len(areas)
+        assert off(areas, found.areas).max() < 0.5
+        nodes, least = (
+            sum(len(p.points) for a in one for p in a.outlines) for one in (found.areas, areas)
+        )
+        assert nodes <= 1.5 * least
 
 
 def test_an_enlarged_drawing_has_the_areas_of_its_source():
