@@ -31,7 +31,7 @@ from gauss2svg.core import Kernel
 from gauss2svg.without_scipy import smoothed
 
 RATE = 4.0  # samples for each px of an outline
-# A picture is soft if its drawing is blurred by SOFT px and then has at most this share of the error.
+# A picture is soft if a blur of its drawing by SOFT px leaves at most SOFTER of the error.
 SOFT, SOFTER = 0.45, 0.75
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
