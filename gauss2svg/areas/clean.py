@@ -33,13 +33,9 @@ from gauss2svg.areas.paint import GOOD, paint_of
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, renamed, spread_of
 from gauss2svg.areas.texture import TWO_TONED, is_shaded, two_toned
 from gauss2svg.core import Kernel
-from gauss2svg.photo.pixels import views
 from gauss2svg.portable import product
 
 LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])  # YCbCr
-# Largest energy of what a smaller picture lacks, for each of the steps between pixels. It is .03 in
-# pictures that were enlarged so, and at least .11 in clean ones.
-MOST_FINER = 0.045
 LEAST_NOISE = 0.8 * LEVEL  # noise of pixels that are far from edges
 # Noise of colour differences is at least that of luma, and this share of their contrast nearby,
 # because JPEG stores them at half the size. The second share is that of a picture of which areas
@@ -163,55 +159,6 @@ def _evened(
         smooth[box][inside] = np.where(is_off[:, None], own, new)
         cores[box][inside] = np.where(is_off, -1, k)
     return colors
-
-
-def was_doubled(picture: Floats) -> bool:
-    """Return whether a picture (h, w, c) was enlarged twice, over black and over white."""
-    return all(map(_was_doubled, views(picture)))
-
-
-def _was_doubled(pixels: Floats) -> bool:
-    """Return whether an opaque picture was enlarged twice, by the width of its crispest edges.
-
-    If it was not enlarged, one step between two pixels has most of the contrast of such an edge. A
-    picture that was enlarged has nothing that a smaller one lacks.
-    """
-    luma = product(pixels, LUMA[0].astype(np.float32))
-    shares, steep = [], 0
-    for rows in (luma, luma.T):
-        # Edges are up to 9 steps wide, and have a contrast of over 60 levels.
-        if rows.shape[1] <= 9:
-            return False
-        heights, middle = np.abs(np.diff(rows)), np.s_[:, 4:-4]
-        highest: Any = ndimage.maximum_filter1d(heights, 9)
-        mean: Any = ndimage.uniform_filter1d(heights, 9)
-        step, highest, way = heights[middle], highest[middle], 9 * mean[middle]
-        whole = np.abs(rows[:, 9:] - rows[:, :-9])
-        is_steep = (step >= highest) & (way > 60 * LEVEL)
-        # Most differences along an edge lead the same way.
-        is_edge = is_steep & (whole > 60 * LEVEL) & (whole > 0.8 * way)
-        shares.append(step[is_edge] / whole[is_edge])
-        steep += np.count_nonzero(is_steep)
-    shares = np.concatenate(shares)
-    # Fewer edges, or a smaller share of all steep places, tell nothing: they may be sides of lines.
-    if len(shares) < max(20, 0.25 * steep):
-        return False
-    # The share is .85 in clean drawings, and .42 to .54 in doubled ones.
-    return float(np.quantile(shares, 0.8)) <= 0.55 and _finer_than_half(luma) <= MOST_FINER
-
-
-def _finer_than_half(luma: Floats) -> float:
-    """Return the energy of what a picture has less if its sides are half as long.
-
-    It is divided by the energy of the steps between pixels.
-    """
-    from PIL import Image  # few pictures need it
-
-    whole, (height, width) = Image.fromarray(luma), luma.shape
-    small = whole.resize((round(width / 2), round(height / 2)), Image.Resampling.LANCZOS)
-    lost = luma - np.asarray(small.resize((width, height), Image.Resampling.BICUBIC))
-    steps = [np.diff(luma, axis=axis).ravel() for axis in (0, 1)]
-    return float((lost**2).sum() / max((np.concatenate(steps) ** 2).sum(), 1e-9))
 
 
 SIDE = 8  # px of the blocks that JPEG transforms

@@ -27,6 +27,7 @@ Size = tuple[int, int]  # width and height in px
 SizeNeeded = Callable[[int, int], Size] | int
 WHITE, BLACK = 1.0, 0.0
 BACKDROPS = (WHITE, BLACK)
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # share of each channel in the brightness
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,10 @@ from gauss2svg import portable
 from gauss2svg.areas import clean, find, ringing
 from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
-from gauss2svg.areas.texture import is_flat, is_shaded, two_toned
+from gauss2svg.areas.texture import halved, is_flat, is_shaded, two_toned, was_doubled
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
-from gauss2svg.photo.pixels import over, shrunk
+from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline import found as changes
 from gauss2svg.pipeline.by_count import ENOUGH, ByCount
 from gauss2svg.pipeline.found import SEEN_UP_TO, Trial, Trials, nothing, scene_of
@@ -75,10 +75,8 @@ class ByAreas:
     """A search for the areas and lines of a picture, and for Gaussians above them."""
 
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
-        width, height = subject.size
-        if is_doubled := clean.was_doubled(subject.working):
-            small = shrunk(subject.working, round(height / 2), round(width / 2), sharp=True)
-            subject = dataclasses.replace(subject, working=small)
+        if is_doubled := was_doubled(subject.working):
+            subject = dataclasses.replace(subject, working=halved(subject.working))
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
         precision = plan.options.svg.precision
         if precision is None:
@@ -135,7 +133,8 @@ class ByAreas:
             if psnr < enough:
                 error = self._trials.error_at(psnr)
                 unsure = self._trials.shapes_win(outcome.file.size, error)
-            unsure |= not is_limited and outcome.psnr < enough and self._may_be_soft(psnr)
+            is_far = outcome.psnr < enough and not (outcome.found and outcome.found.softness)
+            unsure |= not is_limited and is_far and self._may_be_soft(psnr)
         notes = (_ANEW,) if self._is_anew else ()
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
@@ -193,6 +192,10 @@ class ByAreas:
             found = self._found(self._areas())
             if self._ends() or found.drawing is None:
                 return
+            if found.softness and quality is None:  # no filter reduced it
+                working = ringing.without_bands(self._subject.working)
+                self._subject = dataclasses.replace(self._subject, working=working)
+                return
             working = None
             if self._is_rung:
                 working = ringing.unrung(noisy, found.areas, found.background, code)
@@ -229,6 +232,8 @@ class ByAreas:
 
     def _psnr(self, outcome: Outcome) -> float:
         """Return the PSNR (dB) of an outcome against the picture in which areas were searched."""
+        if outcome.found is not None and outcome.found.softness:
+            return outcome.found.psnr  # crisp areas are far from a soft picture
         if self._is_as_given:
             return outcome.psnr
         working = self._subject.working
@@ -265,8 +270,7 @@ class ByAreas:
         has_shapes, ground = len(trial.ground) > 0, trial.ground.select([])
         # Other renderers take too long for a step of a fit.
         is_fast = renderer == "resvg" and found.areas and not self._ends()
-        is_fast &= not (found.drawing and found.drawing.softness)
-        if not is_fast or (has_shapes and not self._is_as_given):
+        if not is_fast or found.softness or (has_shapes and not self._is_as_given):
             return trial
 
         def rasterize(areas: tuple[Area, ...]) -> NDArray[np.float32]:

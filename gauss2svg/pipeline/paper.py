@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.photo.pixels import shrunk
+from gauss2svg.photo.pixels import LUMA, shrunk
 from gauss2svg.scene.inks import ink_colors, ink_name
 from gauss2svg.without_scipy import smoothed
 
 Values = NDArray[np.float32]
-LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
 
 # What is darker than DIRT, and than NOISES times the noise of the paper, may be ink. The QUANTILE

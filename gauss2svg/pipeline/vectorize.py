@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.pixels import Sprite, areas_of_sprite, sprite_of
+from gauss2svg.areas.texture import was_doubled
 from gauss2svg.errors import InputError, instance, refusal, required, several
 from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
 from gauss2svg.fit import FitOptions, FitResult
@@ -261,8 +262,6 @@ def vectorize_by(
     whole = photo.pixels if is_whole and photo is not measured else None
     plan = plan.for_picture(pixels, whole)
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
-        from gauss2svg.areas.clean import was_doubled  # loads the kernels of areas
-
         if is_whole and not was_doubled(pixels if whole is None else whole):
             measured, pixels = photo, pixels if whole is None else whole
             working = pixels

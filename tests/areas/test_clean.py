@@ -9,7 +9,8 @@ from scipy.spatial import KDTree
 from test_find import DRAWINGS, color_of, drawn, points_of
 from test_texture import jpeg, pixels_of
 
-from gauss2svg.areas.clean import cleaned, noise_of, was_doubled, without_shading
+from gauss2svg.areas.clean import cleaned, noise_of, without_shading
+from gauss2svg.areas.texture import was_doubled
 
 
 def image_of(picture):
