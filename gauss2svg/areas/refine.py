@@ -32,7 +32,7 @@ from gauss2svg.without_scipy import smoothed
 
 RATE = 4.0  # samples for each px of an outline
 # A picture is soft if a blur of its drawing by SOFT px leaves at most SOFTER of the error.
-SOFT, SOFTER = 0.45, 0.75
+SOFT, SOFTER = 0.45, 0.6
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 _compose_layers = Kernel(

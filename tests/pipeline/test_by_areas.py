@@ -441,3 +441,34 @@ def test_a_small_picture_that_areas_miss_is_drawn_by_shapes_alone():
     picture = rasterize(FRAME.format(ground + waves + block), 40, 40)
     report, areas = (vectorize(picture, areas=choice).report for choice in ("auto", "always"))
     assert report["psnr_svg"] > areas["psnr_svg"] + 2
+
+
+FADE = """<linearGradient id="a" gradientUnits="userSpaceOnUse" {}><stop stop-color="{}"/><stop
+offset="1" stop-color="{}"/></linearGradient>"""
+ARROW = (
+    FADE.format('x1="0" y1="20" x2="0" y2="90"', "#fff", "#48c")
+    + """<path fill="url(#a)"
+d="M20 100V60l40-44 44 44v40l-44-30z"/>"""
+)
+LETTERS = (
+    FADE.format('x1="0" y1="0" x2="256" y2="0"', "#327", "#97d")
+    + """<path fill="none"
+stroke="url(#a)" stroke-width="4.3" d="M4 0l10 26 10-26M34 0v26h20M66 0v26M66 13l16-13M66 13l16 13
+M112 0h-16v26h16M96 13h10M126 26V0l20 26V0M160 26V0l12 18 12-18v26M200 26l10-26 10 26M204 18h12
+M236 0v26M226 0h20"/>"""
+)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "width", "height", "scale"), [(ARROW, 128, 128, 2), (LETTERS, 256, 26, 1)]
+)
+def test_a_gradient_that_fades_or_runs_through_letters_is_drawn_by_areas(
+    shapes, width, height, scale
+):
+    frame = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">'
+    svg = f'{frame}<path fill="#fff" d="M0 0h{width}v{height}H0z"/>{shapes}</svg>'
+    result = vectorize(rasterize(svg, scale * width, scale * height))
+    assert result.report["gaussians"] == 0
+    assert len(result.svg) < 8000
+    size = 6 * width, 6 * height
+    assert psnr(rasterize(result.svg, *size), rasterize(svg, *size)) > 28
