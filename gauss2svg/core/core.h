@@ -4,8 +4,7 @@ Arrays are C-contiguous, and their shapes stand in the comments as in NumPy. Pyt
 int64_t and double. Sums are added up in the order in which they are written, and the compiler may
 not contract them to fused multiply-adds, so that CPUs give the same bits. */
 
-#ifndef GAUSS2SVG_CORE_H
-#define GAUSS2SVG_CORE_H
+#pragma once
 
 #include <math.h>
 #include <stdbool.h>
@@ -36,5 +35,3 @@ INLINE double cross(point a, point b) { return a[0] * b[1] - a[1] * b[0]; }
 INLINE double length(point a) { return sqrt(dot(a, a)); }
 /* Return a vector turned by a right angle, from x to y. */
 INLINE point turned(point a) { return at(-a[1], a[0]); }
-
-#endif

@@ -4,12 +4,11 @@
 
 /* Write a function of each of n numbers, or of each of n pairs. */
 #define EACH(NAME, VALUE)                                                                          \
-    API int64_t NAME(                                                                              \
+    API void NAME(                                                                                 \
         int64_t n, const double *restrict a, const double *restrict b, double *restrict out) {     \
         (void)b;                                                                                   \
         for (int64_t i = 0; i < n; i++)                                                            \
             out[i] = VALUE;                                                                        \
-        return n;                                                                                  \
     }
 
 EACH(each_exp, exponential(a[i]))
@@ -21,14 +20,13 @@ EACH(each_arctan2, angle_of(a[i], b[i]))
 
 /* Write the product (n, m) of the matrices a (n, k) and b (k, m). Each element is added up from the
 first product to the last. */
-API int64_t multiply(
+API void multiply(
     int64_t n, int64_t k, int64_t m, const double *a, const double *b, double *restrict out) {
     memset(out, 0, n * m * sizeof *out);
     for (int64_t i = 0; i < n; i++)
         for (int64_t l = 0; l < k; l++)
             for (int64_t j = 0; j < m; j++)
                 out[i * m + j] += a[i * k + l] * b[l * m + j];
-    return n;
 }
 
 /* Return whether the matrix a (n, n) is regular, and replace b (n, m) by x with a x = b. This is
@@ -67,7 +65,7 @@ API int64_t solve(int64_t n, int64_t m, double *a, double *b) {
 
 /* Solve products x = sums for one row of x (n, 3) after the other, in an order (n,) of rows. Each is
 clipped to 0..1, and rounded to multiples of 1 / levels if levels is not 0. */
-API int64_t sweep_colors(int64_t n, const double *products, const double (*sums)[3],
+API void sweep_colors(int64_t n, const double *products, const double (*sums)[3],
     const double *diagonal, const int64_t *order, double levels, double (*x)[3]) {
     for (int64_t i = 0; i < n; i++) {
         const int64_t k = order[i];
@@ -80,5 +78,4 @@ API int64_t sweep_colors(int64_t n, const double *products, const double (*sums)
             x[k][c] = clip(levels > 0.0 ? rint(best * levels) / levels : best, 0.0, 1.0);
         }
     }
-    return n;
 }

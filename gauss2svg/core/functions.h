@@ -3,8 +3,7 @@
 All are sums and products of doubles in a fixed order. "ulp" is a unit in the last place of the
 result. Series are Taylor's, by Horner's rule, after the argument was reduced. */
 
-#ifndef GAUSS2SVG_FUNCTIONS_H
-#define GAUSS2SVG_FUNCTIONS_H
+#pragma once
 
 #include "core.h"
 
@@ -13,16 +12,12 @@ whole numbers up to 2^20 are exact. */
 static const double LN2[] = {0x1.62e42feep-1, 0x1.a39ef35793c76p-33};
 static const double HALF_PI[] = {0x1.921fb544p+0, 0x1.0b4611a6p-34, 0x1.3198a2e037073p-69};
 
-INLINE double double_of(int64_t bits) {
-    double v;
-    memcpy(&v, &bits, sizeof v);
-    return v;
-}
-INLINE int64_t bits_of(double v) {
+typedef union {
+    double number;
     int64_t bits;
-    memcpy(&bits, &v, sizeof bits);
-    return bits;
-}
+} Double;
+INLINE double double_of(int64_t bits) { return (Double){.bits = bits}.number; }
+INLINE int64_t bits_of(double v) { return (Double){v}.bits; }
 
 /* Return e^x 2^n for |n| <= 3000, with an error of 1.2 ulp. */
 INLINE double scaled_exp(double x, double n) {
@@ -115,5 +110,3 @@ INLINE double angle_of(double y, double x) {
     angle = signbit(x) ? 2.0 * HALF_PI[0] - angle + 2.0 * HALF_PI[1] : angle;
     return x != x || y != y ? NAN : copysign(angle, y);
 }
-
-#endif

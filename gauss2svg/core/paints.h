@@ -1,7 +1,6 @@
 /* Paints of regions, whose colours stand in tables. */
 
-#ifndef GAUSS2SVG_PAINTS_H
-#define GAUSS2SVG_PAINTS_H
+#pragma once
 
 #include "core.h"
 
@@ -21,5 +20,3 @@ INLINE const float *shade(
                                 : length(at(place[2] * (x - place[0]), place[3] * (y - place[1])));
     return table + (int64_t)(clip(position, 0.0, 1.0) * (SHADES - 1) + 0.5) * c;
 }
-
-#endif
