@@ -74,34 +74,31 @@ API void list_pairs(int64_t n, int64_t height, int64_t width, const double (*sha
     }
 }
 
-/* Return the root of a pixel in a forest, in which the parent of a root is the root itself. Halve
-the path to it. */
-INLINE int64_t root_of(int64_t *parent, int64_t pixel) {
-    while (parent[pixel] != pixel)
-        pixel = parent[pixel] = parent[parent[pixel]];
-    return pixel;
-}
-
 /* Number the components of a picture of levels (h, w): pixels of one level that touch along sides
 or at corners. Numbers (h, w) begin at 1, in the order of first pixels. Those of level 0 are 0.
 
-parent  (h, w) buffer for a forest, in which the root of a component is its first pixel */
+stack  (h, w) buffer for the pixels of a component whose neighbours are to be looked at */
 API void number_components(
-    int64_t height, int64_t width, const int32_t *levels, int64_t *parent, int64_t *numbers) {
+    int64_t height, int64_t width, const int32_t *levels, int64_t *stack, int64_t *numbers) {
     int64_t count = 0;
-    for (int64_t pixel = 0; pixel < height * width; pixel++) {
-        const int64_t y = pixel / width, x = pixel % width;
-        parent[pixel] = pixel;
-        for (int k = 0; k < 4 && levels[pixel] != 0; k++) { /* left, and the three above */
-            const int64_t v = k == 0 ? y : y - 1, u = k == 0 ? x - 1 : x + k - 2;
-            if (v < 0 || u < 0 || u >= width || levels[v * width + u] != levels[pixel])
-                continue;
-            const int64_t other = root_of(parent, v * width + u), own = root_of(parent, pixel);
-            parent[most(own, other)] = least(own, other);
+    memset(numbers, 0, (size_t)(height * width) * sizeof *numbers);
+    for (int64_t first = 0; first < height * width; first++) {
+        int64_t held = 0;
+        if (levels[first] != 0 && numbers[first] == 0) {
+            numbers[first] = ++count;
+            stack[held++] = first;
         }
-    }
-    for (int64_t pixel = 0; pixel < height * width; pixel++) {
-        const int64_t root = root_of(parent, pixel);
-        numbers[pixel] = levels[pixel] == 0 ? 0 : root == pixel ? ++count : numbers[root];
+        while (held > 0) {
+            const int64_t pixel = stack[--held], y = pixel / width, x = pixel % width;
+            for (int64_t v = most(0, y - 1); v < least(height, y + 2); v++) {
+                for (int64_t u = most(0, x - 1); u < least(width, x + 2); u++) {
+                    const int64_t other = v * width + u;
+                    if (levels[other] != levels[pixel] || numbers[other] != 0)
+                        continue;
+                    numbers[other] = count;
+                    stack[held++] = other;
+                }
+            }
+        }
     }
 }

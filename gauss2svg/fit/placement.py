@@ -232,6 +232,6 @@ def components_of(levels: NDArray[np.int32]) -> NDArray[np.int64]:
     Components are numbered from 1 in the order of their first pixels, row by row. Pixels of level 0
     have the number 0.
     """
-    numbers, parent = (np.empty(levels.shape, np.int64) for _ in range(2))
-    _number_components(*levels.shape, levels, parent, numbers)
+    numbers, stack = (np.empty(levels.shape, np.int64) for _ in range(2))
+    _number_components(*levels.shape, levels, stack, numbers)
     return numbers
