@@ -10,10 +10,10 @@ three colours can make nearly every other. */
 static const double PRICE_OF_TWO = 2e-5, PRICE_OF_THREE = 1.5e-4;
 static const double LEAST_CONTRAST = 1e-5; /* squared distance below which colours do not mix */
 
-/* A pixel and the side from which it is reached, `pixel 4 + side`, with its key. */
+/* A pixel, the neighbour from which it is reached, and its key. */
 typedef struct {
     double key;
-    int64_t entry;
+    int32_t pixel, from;
 } Reached;
 
 /* Add an entry to a binary heap, whose smallest key comes first, and return the new count. */
@@ -58,17 +58,12 @@ API void grow_labels(int64_t h, int64_t w, int64_t c, const float *pixels, int32
         double least_key = 0.0;
         if (seed >= h * w) {
             const Reached first = heap[0];
-            const int64_t side = first.entry % 4;
             count = pop(heap, count);
-            pixel = first.entry / 4;
+            pixel = first.pixel;
             if (labels[pixel] >= 0)
                 continue;
-            const int64_t from = side == 0   ? pixel - w
-                                 : side == 1 ? pixel + w
-                                 : side == 2 ? pixel - 1
-                                             : pixel + 1;
-            labels[pixel] = labels[from];
-            origin[pixel] = origin[from];
+            labels[pixel] = labels[first.from];
+            origin[pixel] = origin[first.from];
             least_key = 0.5 * first.key;
         } else if (labels[pixel] < 0) {
             continue;
@@ -81,7 +76,8 @@ API void grow_labels(int64_t h, int64_t w, int64_t c, const float *pixels, int32
             double key = 0.0;
             for (int64_t i = 0; i < c; i++)
                 key += square(pixels[(v * w + u) * c + i] - pixels[origin[pixel] * c + i]);
-            count = push(heap, count, (Reached){max(key, least_key), (v * w + u) * 4 + side});
+            const int32_t other = (int32_t)(v * w + u), from = (int32_t)pixel;
+            count = push(heap, count, (Reached){max(key, least_key), other, from});
         }
     }
 }
