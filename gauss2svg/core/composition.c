@@ -31,10 +31,7 @@ API void compose_layers(int64_t l, int64_t w, int64_t c, const double (*segment)
         for (int64_t p = layer_start[k]; p < layer_start[k + 1]; p++) {
             const int64_t s = path_start[p];
             const Path path = {segment + s, curved + s, path_start[p + 1] - s};
-            if (width[k] > 0.0)
-                add_stroke(&part, path, closed[p], width[k], cap[k]);
-            else
-                add_outline(&part, path);
+            add_path(&part, path, closed[p], width[k], cap[k]);
         }
         float *own_cover = cover + offset[k], *own_below = below + c * offset[k];
         for (int64_t y = 0; y < down; y++) {

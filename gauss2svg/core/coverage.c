@@ -108,7 +108,7 @@ static point beside(Segment segment, double t, double offset) {
 }
 
 /* Add the edges of a closed outline. */
-void add_outline(const Box *box, Path path) {
+static void add_outline(const Box *box, Path path) {
     point along;
     for (int64_t s = 0; s < path.count; s++) {
         const Segment segment = segment_of(path, s);
@@ -207,7 +207,7 @@ static void add_join(
 }
 
 /* Add the stroke along one outline, whose segments each have an extent. */
-void add_stroke(const Box *box, Path path, bool is_closed, double width, int64_t cap) {
+static void add_stroke(const Box *box, Path path, bool is_closed, double width, int64_t cap) {
     const double half = 0.5 * width;
     Segment before = segment_of(path, path.count - 1);
     Cuts cuts = is_closed ? inner_cuts(before, segment_of(path, 0), half) : WHOLE;
@@ -245,15 +245,19 @@ void add_stroke(const Box *box, Path path, bool is_closed, double width, int64_t
     }
 }
 
+/* Add an area with this outline, or a line along it if the width is not 0. */
+void add_path(const Box *box, Path path, bool is_closed, double width, int64_t cap) {
+    if (width > 0.0)
+        add_stroke(box, path, is_closed, width, cap);
+    else
+        add_outline(box, path);
+}
+
 /* Add the k segments (k, 4, 2), curved (k,), of an outline, or of a line if its width is not 0, to
 the sums (height, width + 2) of a box with the upper left corner (left, top). */
-API void add_path(int64_t height, int64_t width, double left, double top, double *sums,
+API void cover_pixels(int64_t height, int64_t width, double left, double top, double *sums,
     int64_t count, const double (*segments)[4][2], const bool *curved, int64_t is_closed,
     double line_width, int64_t cap) {
     const Box box = {sums, height, width, at(left, top)};
-    const Path path = {segments, curved, count};
-    if (line_width > 0.0)
-        add_stroke(&box, path, is_closed, line_width, cap);
-    else
-        add_outline(&box, path);
+    add_path(&box, (Path){segments, curved, count}, is_closed, line_width, cap);
 }

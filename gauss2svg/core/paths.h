@@ -1,7 +1,6 @@
 /* Segments of paths, and what the coverage of paths is added to. */
 
-#ifndef GAUSS2SVG_PATHS_H
-#define GAUSS2SVG_PATHS_H
+#pragma once
 
 #include "core.h"
 
@@ -41,7 +40,4 @@ INLINE point point_at(Segment segment, double t, point *along) {
     return u * u * u * a + 3.0 * u * u * t * b + 3.0 * u * t * t * c + t * t * t * d;
 }
 
-void add_outline(const Box *box, Path path);
-void add_stroke(const Box *box, Path path, bool is_closed, double width, int64_t cap);
-
-#endif
+void add_path(const Box *box, Path path, bool is_closed, double width, int64_t cap);

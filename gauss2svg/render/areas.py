@@ -12,7 +12,7 @@ from gauss2svg.render.cpu import Real, render_planar, splats_of
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import CAPS, Area
 
-_add_path = Kernel("add_path", "int int float float float64 int float64 bool int float int")
+_cover_pixels = Kernel("cover_pixels", "int int float float float64 int float64 bool int float int")
 
 
 def coverage_of(
@@ -41,7 +41,7 @@ def coverage_of(
             is_closed &= bool(has_extent.any())
             has_extent[0] |= not has_extent.any()
             segments, curved = segments[has_extent], curved[has_extent]
-        _add_path(
+        _cover_pixels(
             height, width, left, top, sums, len(segments), segments, curved, is_closed, line_width,
             CAPS.index(area.cap),
         )  # fmt: skip
