@@ -51,30 +51,23 @@ static int64_t sample_from(const Grid *g, int64_t first, int64_t end, double lef
 
 /* Visit the samples that Gaussian i may reach, and return its largest excess. If totals (m, 3) are
 given with `lowest` and `highest`, add it to them instead. The visit ends at an excess of at least
-`enough`. The sample of the largest excess is written to `worst`, where the visit begins.
+`enough`.
 
 In a row, the Gaussian is widest at the height nearest to the mean. A tilted one has its centre at a
 different x at each height, so the interval is widened at each end by half of its move in a row. */
 static double visit(const Grid *g, int64_t i, float (*total)[3], float (*lowest)[3],
-    float (*highest)[3], int64_t *worst, double enough) {
+    float (*highest)[3], double enough) {
     const double *w = g->whitening[i], *reach = g->reach[i], x = g->mean[i][0], y = g->mean[i][1];
     const double across = w[0] * w[0] + w[1] * w[1], ridge = -w[1] * w[2] / across;
     const int64_t end = (int64_t)ceil(clip(y + reach[1], 0.0, (double)g->rows));
     double excess = 0.0;
-    for (int64_t row = (int64_t)clip(y - reach[1], 0.0, (double)g->rows) - 1; row < end; row++) {
-        int64_t sample = *worst, last = *worst + 1; /* before all rows comes the worst sample */
-        const bool is_first = row < (int64_t)clip(y - reach[1], 0.0, (double)g->rows);
-        if (is_first && lowest != NULL)
-            continue;
-        if (!is_first) {
-            const double v = (double)row + 0.5 - y,
-                         near = clip((fabs(v) - 0.5) / reach[1], 0.0, 1.0);
-            const double half = g->radius * sqrt((1.0 - near * near) / across) + 0.5 * fabs(ridge);
-            const double left = x + max(ridge * v - half, -reach[0]);
-            const double right = x + min(ridge * v + half, reach[0]);
-            sample = sample_from(g, g->start[row], g->start[row + 1], left);
-            last = sample_from(g, sample, g->start[row + 1], right);
-        }
+    for (int64_t row = (int64_t)clip(y - reach[1], 0.0, (double)g->rows); row < end; row++) {
+        const double v = (double)row + 0.5 - y, near = clip((fabs(v) - 0.5) / reach[1], 0.0, 1.0);
+        const double half = g->radius * sqrt((1.0 - near * near) / across) + 0.5 * fabs(ridge);
+        const double left = x + max(ridge * v - half, -reach[0]);
+        const double right = x + min(ridge * v + half, reach[0]);
+        int64_t sample = sample_from(g, g->start[row], g->start[row + 1], left);
+        const int64_t last = sample_from(g, sample, g->start[row + 1], right);
         for (; sample < last && excess < enough; sample++) {
             const double alpha = alpha_at(g, i, sample);
             for (int c = 0; c < 3; c++) {
@@ -89,10 +82,7 @@ static double visit(const Grid *g, int64_t i, float (*total)[3], float (*lowest)
                 } else if (added < -LEAST_CHECKED) {
                     own = min(g->low[c], g->picture[sample][c]) - after;
                 }
-                if (own > excess) {
-                    excess = own;
-                    *worst = sample;
-                }
+                excess = max(excess, own);
             }
         }
     }
@@ -100,10 +90,10 @@ static double visit(const Grid *g, int64_t i, float (*total)[3], float (*lowest)
 }
 
 /* Try `count` Gaussians in their order. If `enough` is not INFINITY, draw each whose excess is
-below it, set its `worst` to -1, and return how many were drawn. Else draw none, and return the
-Gaussian with the least excess.
+below it, and return how many were drawn. Else draw none, and return the Gaussian with the least
+excess.
 
-indices, worst  (count,) Gaussians, and (n,) the sample at which each exceeded the range the most
+indices, is_drawn  (count,) Gaussians, and (n,) whether each has been drawn, which is changed
 total    (m, 3) sums of the background and all Gaussians drawn so far, which are changed
 lowest, highest  (m, 3) the lowest and the highest total that each sample has had
 The other arguments are the fields of Grid. */
@@ -111,7 +101,7 @@ API int64_t draw_gaussians(int64_t rows, double radius, const float (*samples)[2
     const int64_t *start, const double *falloff, const double (*mean)[2],
     const double (*whitening)[3], const double (*reach)[2], const double (*color)[3],
     const float (*picture)[3], const double *low, const double *high, int64_t count,
-    const int64_t *indices, double enough, int64_t *worst, float (*total)[3], float (*lowest)[3],
+    const int64_t *indices, double enough, bool *is_drawn, float (*total)[3], float (*lowest)[3],
     float (*highest)[3]) {
     const Grid g = {
         rows, radius, samples, start, falloff, mean, whitening, reach, color, picture, low, high};
@@ -119,15 +109,15 @@ API int64_t draw_gaussians(int64_t rows, double radius, const float (*samples)[2
     int64_t drawn = 0, best = -1;
     for (int64_t k = 0; k < count; k++) {
         const int64_t i = indices[k];
-        const double excess = visit(&g, i, total, NULL, NULL, &worst[i], least_excess);
+        const double excess = visit(&g, i, total, NULL, NULL, least_excess);
         if (excess >= least_excess)
             continue;
         best = i;
         if (enough == INFINITY) {
             least_excess = excess;
         } else {
-            visit(&g, i, total, lowest, highest, &worst[i], INFINITY);
-            worst[i] = -1;
+            visit(&g, i, total, lowest, highest, INFINITY);
+            is_drawn[i] = true;
             drawn++;
         }
     }

@@ -80,12 +80,11 @@ from gauss2svg.svg.encode import document_svg, layer, matrices_of, radial_gradie
 from gauss2svg.svg.forms import Ints, whole_stops
 
 Ramp = Sequence[tuple[str, str]]  # offset and colour of each stop of a gradient
-_DRAWN = -1  # a Gaussian that has been drawn has this value in the array `worst`
 _ANY = 1e300  # larger than the excess of any Gaussian
 _draw_gaussians = Kernel(
     "draw_gaussians",
     "int float float32 int64 float64 float64 float64 float64 float64 float32 float64 float64 int"
-    " int64 float int64 float32 float32 float32",
+    " int64 float bool float32 float32 float32",
 )
 
 
@@ -207,8 +206,8 @@ def phases_of(scene: Scene) -> tuple[list[Ints], Floats, Floats]:
     background, every = scene.background, np.arange(len(scene))
     total = np.tile(background.astype(np.float32), (len(samples[2]), 1))
     lowest, highest, picture = total.copy(), total.copy(), total.copy()
-    worst, free = np.zeros(len(scene), np.intp), np.full(3, np.inf)
-    every_one = len(scene), every, _ANY, worst
+    is_drawn, free = np.zeros(len(scene), bool), np.full(3, np.inf)
+    every_one = len(scene), every, _ANY, is_drawn
     _draw_gaussians(*samples, picture, -free, free, *every_one, picture, picture, picture)
     low, high = picture.min(axis=0).astype(np.float64), picture.max(axis=0).astype(np.float64)
     low = np.minimum(background, np.where(low < 0, 0.5 * low, low))
@@ -216,13 +215,13 @@ def phases_of(scene: Scene) -> tuple[list[Ints], Floats, Floats]:
     pattern = (scene.color < 0) @ [1, 2, 4]
     mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
     by_mass = np.argsort(-mass, kind="stable")
-    worst[:] = 0
+    is_drawn[:] = False
     # More Gaussians stay within a range that is a little larger, so fewer are put off until later.
     allowed = picture, low - 0.02, high + 0.02
 
     def draw(indices: Ints, enough: float) -> int:
         """Draw those whose excess is below `enough`, or return the one of least excess for inf."""
-        chosen = len(indices), indices, enough, worst
+        chosen = len(indices), indices, enough, is_drawn
         return _draw_gaussians(*samples, *allowed, *chosen, total, lowest, highest)
 
     # A tour visits all patterns of signs, one after the other. At each pattern, it draws those
@@ -235,11 +234,11 @@ def phases_of(scene: Scene) -> tuple[list[Ints], Floats, Floats]:
         for signs in patterns:
             tried = waiting[pattern[waiting] == signs]
             if draw(tried, rounding):
-                parts.append(tried[worst[tried] == _DRAWN])
+                parts.append(tried[is_drawn[tried]])
         if len(parts) == before:
             parts.append(np.array([draw(waiting, np.inf)]))
             draw(parts[-1], _ANY)
-        waiting = waiting[worst[waiting] != _DRAWN]
+        waiting = waiting[~is_drawn[waiting]]
         # Each change of the pattern inverts channels of the canvas. The next tour visits the
         # patterns in reverse order, so nothing is inverted between the two tours.
         patterns = patterns[::-1]
