@@ -418,17 +418,13 @@ def merged_path(
     """
     run, segment, result = np.zeros(2, np.int64), np.empty((4, 2)), np.empty(3)
     places = np.empty(2 * len(points) + 2)
-    fits = [
-        _fit_run.prepared(
-            len(points), points, weight, noise, places, run, only_curves, unit, rate, segment,
-            result,
-        )
-        for only_curves in (False, True)
-    ]  # fmt: skip
 
     def curve(first: int, last: int, only_curves: bool = True) -> _Piece:
         run[:] = first, last
-        fits[only_curves]()
+        _fit_run(
+            len(points), points, weight, noise, places, run, only_curves, unit, rate, segment,
+            result,
+        )  # fmt: skip
         is_curve, error, size = result.tolist()
         return _Piece((first, last), segment.copy(), bool(is_curve), error, size)
 

@@ -9,7 +9,6 @@ import ctypes
 import os
 import platform
 import sys
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -71,18 +70,6 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> int:
         """Call the function."""
-        function, values = self._converted(arguments)
-        return function(*values)
-
-    def prepared(self, *arguments: Any) -> Callable[[], int]:
-        """Return a function that calls the kernel with these arrays, which may have new values.
-
-        This saves the checks of the arrays, which take longer than a small task.
-        """
-        function, values = self._converted(arguments)
-        return lambda _kept=arguments: function(*values)
-
-    def _converted(self, arguments: tuple[Any, ...]) -> tuple[Any, list[Any]]:
         real, values = None, []
         for word, dtype, value in zip(self._words, self._types, arguments, strict=True):
             if word in _NUMBERS or value is None:
@@ -101,4 +88,4 @@ class Kernel:
             function.argtypes = [_NUMBERS.get(word, ctypes.c_void_p) for word in self._words]
             function.restype = ctypes.c_int64
             self._functions[name] = function  # last, because threads make first calls at once
-        return function, values
+        return function(*values)
