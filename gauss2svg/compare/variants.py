@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 from gauss2svg.batch.inputs import ListedPhoto
 from gauss2svg.batch.many import TABLE, text_of_cell
 from gauss2svg.compare.records import COSTS, COUNTS, FILE_KEYS, PEERS, TOOL
-from gauss2svg.errors import Gauss2SvgError, InputError, brief, nearest, quoted, refusal
+from gauss2svg.errors import Gauss2SvgError, InputError, brief, quoted, refusal
 from gauss2svg.files import SVG_ENDINGS, reading, text_of
 from gauss2svg.options import Field, fields_of
 from gauss2svg.photo import SUFFIXES
@@ -289,7 +289,4 @@ def sequence(name: str, values: Any) -> list[Any]:
 
 def _axis(name: str) -> Field:
     """Return the Field of an option. Raise InputError for any other name."""
-    if name not in AXES:
-        advice = nearest(name, AXES)
-        raise refusal("axis", f"an option: one of {', '.join(AXES)}", quoted(name), advice)
-    return AXES[name]
+    return AXES[Field("axis", words=tuple(AXES)).checked(name)]

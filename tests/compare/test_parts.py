@@ -40,8 +40,9 @@ def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
         ("inks=3,6", (3, 6)),
         ("inks=6;#fff,#000; f7c306,17324d", (6, "#ffffff,#000000", "#f7c306,#17324d")),
         ("gaussians=auto, 5", ("auto", 5)),
+        ("form", ("gradient",)), ("renderer", ("resvg", "cairo")),  # which need no other program
     ],
-)
+)  # fmt: skip
 def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
     ((name, parsed),) = parse_axes([text]).items()
     assert parsed == values
@@ -51,7 +52,7 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
 @pytest.mark.parametrize(
     ("axes", "line"),
     [
-        (["colour"], "axis must be an option: one of quality, .*max_size; got 'colour'$"),
+        (["colour"], "axis must be one of quality, .*max_size; got 'colour'$"),
         (["gausians=3"], ".*got 'gausians'. Try gaussians$"),
         (["inks=6,griin"], "axis inks must be .*Try 6, or"),
         ({"loss": ["l3"]}, "axis loss must be one of weighted, mse"),
@@ -162,9 +163,3 @@ in_bytes, in_seconds = partial(chart.tick, unit="bytes"), partial(chart.tick, un
 def test_numbers_are_shown_so(show, value, text):
     assert show(value).replace("\N{NARROW NO-BREAK SPACE}", " ") == text
     assert " " not in show(value)  # no line break separates the unit
-
-
-def test_an_axis_without_values_has_those_that_need_no_other_program():
-    assert parse_axes(["form", "renderer"]) == {
-        "form": ("gradient",), "renderer": ("resvg", "cairo"),
-    }  # fmt: skip
