@@ -200,11 +200,7 @@ def _result(folder: Path, options: Options) -> Result:
                 return
             frames += 1
             _write(folder / "frame.jpg", frame)
-            for name in (
-                "round", "iteration", "done", "gaussians", "areas", "psnr", "elapsed_s",
-                "remaining_s",
-            ):  # fmt: skip
-                figures[name] = getattr(now.fit, name)
+            figures |= {name: v for name, v in vars(now.fit).items() if name != "scene"}
             if not now.fit.areas:
                 figures["bytes_estimate"] = USUAL_BYTES * now.fit.gaussians
         _write(folder / "progress.json", as_json(json_safe({**figures, "frame": frames})))

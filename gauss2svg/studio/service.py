@@ -69,7 +69,11 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
-    app.state.jobs = Jobs(*workers_and_threads(jobs, threads))
+    # A fit on four threads takes 45 % of the time that it takes on one thread. Eight threads help
+    # little more: the fit then takes 36 %. So by default there is one fit for every four cores
+    # (docs/decisions/studio.md).
+    jobs = jobs or max(1, CORES // (threads or 4))
+    app.state.jobs = Jobs(jobs, threads or max(1, CORES // jobs))
     app.state.samples = samples_in(folder)
     app.state.is_local = is_local
     app.include_router(router)
@@ -94,15 +98,6 @@ async def _error_response(_: Request, error: Exception) -> JSONResponse:
         case _:
             status, line = 500, f"{type(error).__name__}: {error}"
     return _refused(status, line)
-
-
-def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
-    """Return the number of simultaneous fits, and the number of threads of each."""
-    # A fit on four threads takes 45 % of the time that it takes on one thread. Eight threads help
-    # little more: the fit then takes 36 %. So by default there is one fit for every four cores
-    # (docs/decisions/studio.md).
-    jobs = jobs or max(1, CORES // (threads or 4))
-    return jobs, threads or max(1, CORES // jobs)
 
 
 def serve(options: StudioOptions, say: Callable[[str], None]) -> None:
