@@ -164,8 +164,7 @@ class Batch:
     ) -> None:
         self.options = options
         # Few machines have 1024 cores, so a larger number is probably a mistake.
-        rule = Field("workers", int, 1, 1024, is_optional=True)
-        self._workers = rule.checked(workers)
+        self._workers = Field("workers", int, 1, 1024, is_optional=True).checked(workers)
         Plan(options).check_renderer()
         # Marks could not tell that the code of a function has changed.
         if callable(loss := options.fit.loss):

@@ -87,8 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except KeyboardInterrupt as interrupt:
         terminal.say(str(interrupt) or terminal.UNTOUCHED)
-        is_term = isinstance(interrupt, terminal.Terminated)
-        return terminal.status_of(signal.SIGTERM if is_term else signal.SIGINT)
+        return 143 if isinstance(interrupt, terminal.Terminated) else 130
 
 
 def run() -> None:

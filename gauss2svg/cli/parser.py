@@ -19,11 +19,10 @@ _FILES = ("photos", "photo", "svg", "folder")  # fields that are files without a
 # {command: (what it does, arguments that its help shows)}
 _OF_PHOTOS = "PHOTOS -o OUT [OPTIONS]"
 _OF_SOME = "PHOTOS [-o OUT] [OPTIONS]"
-_OF_SVGS = "PHOTO SVG [OPTIONS]"
 COMMANDS = {
     "batch": ("Vectorise many photos, on all cores.", _OF_PHOTOS),
     "bench": ("Compare settings and other tools in tables and plots.", _OF_PHOTOS),
-    "check": ("Measure how closely any SVG matches a photo.", _OF_SVGS),
+    "check": ("Measure how closely any SVG matches a photo.", "PHOTO SVG [OPTIONS]"),
     "gallery": ("Write web pages that compare results for photos.", _OF_PHOTOS),
     "placeholder": ("Write SVGs of a kilobyte to show until photos load.", _OF_SOME),
     "studio": ("Vectorise photos in the browser, on this machine.", "[FOLDER] [OPTIONS]"),

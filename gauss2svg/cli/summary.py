@@ -79,7 +79,9 @@ def print_check(report: dict[str, Any], svg: str) -> None:
 
 
 def _match(report: dict[str, Any]) -> str:
-    return f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])}"
+    ssim = report["ssim_svg"]
+    text = "not defined for so small a picture" if ssim is None else f"{ssim:.3f}"
+    return f"PSNR {decibels(report['psnr_svg'])}, SSIM {text}"
 
 
 def _size(report: dict[str, Any]) -> str:
@@ -116,7 +118,3 @@ def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: li
             subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False,
         )  # fmt: skip
         print(paragraph, file=sys.stderr)
-
-
-def _ssim(value: float | None) -> str:
-    return "not defined for so small a picture" if value is None else f"{value:.3f}"
