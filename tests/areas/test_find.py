@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from outlines import cubic
+from outlines import cubic, polygon
 from scipy.spatial import KDTree
 
 from gauss2svg.areas.find import find_areas
@@ -29,10 +29,6 @@ def disc(x: float, y: float, radius: float, is_hole: bool = False) -> Outline:
     if is_hole:
         points = points[:1] + points[:0:-1]
     return Outline(tuple(points), (True,) * 4)
-
-
-def polygon(*points: tuple[float, float]) -> Outline:
-    return Outline(points, (False,) * len(points))
 
 
 WAVE = Outline(((15, 70), (30, 20), (60, 90), (82, 25)), (True,), closed=False)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from outlines import box, polygon
+from outlines import polyline as line
 from test_find import disc, over
 
 from gauss2svg.areas.centrelines import chains_of
@@ -9,10 +11,6 @@ from gauss2svg.areas.find import find_areas
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
 INK, PALE_INK = (0.07, 0.07, 0.07), (0.94, 0.82, 0.38)
-
-
-def line(*points: tuple[float, float], closed: bool = False) -> Outline:
-    return Outline(points, (False,) * (len(points) - 1 + closed), closed)
 
 
 def curve(*points: tuple[float, float]) -> Outline:
@@ -119,7 +117,7 @@ def test_a_line_whose_width_changes_is_an_area(least, most):
     across = np.gradient(middle, axis=0)[:, ::-1] * [-1, 1]
     across /= np.hypot(*across.T)[:, None]
     sides = np.concatenate([middle + half * across, (middle - half * across)[::-1]])
-    others = found([Area((line(*map(tuple, sides), closed=True),), INK)])
+    others = found([Area((polygon(*map(tuple, sides)),), INK)])
     assert [area.is_line for area in others] == [False]
 
 
@@ -136,16 +134,12 @@ BLACK, GREY, PALE = (0.0,) * 3, (187 / 255,) * 3, (221 / 255,) * 3
 BLUE = (0.73, 0.87, 0.98)
 
 
-def level(y: float, left: float = 20) -> Outline:
-    return line((left, y), (108, y))
+def level(y: float) -> Outline:
+    return line((20, y), (108, y))
 
 
 def upright(x: float) -> Outline:
     return line((x, 12), (x, 100))
-
-
-def box(left: float, top: float, right: float, bottom: float) -> Outline:
-    return line((left, top), (right, top), (right, bottom), (left, bottom), closed=True)
 
 
 # Lines as they are drawn, with their colour and width, and what lies below and above them
@@ -252,7 +246,7 @@ def test_faint_lines_of_a_grid_are_drawn_as_they_are():
     """They are nearly black mixed with white, so they might be lines of .13 px in black."""
     rows = [line((20, y), (120, y)) for y in (30.5, 50.5, 70.5)]
     columns = [line((x, 20), (x, 90)) for x in (40.5, 60.5, 80.5)]
-    frame = line((20, 20), (120, 20), (120, 90), (20, 90), closed=True)
+    frame = box(20, 20, 120, 90)
     grid = Area(tuple(rows + columns), (0.87, 0.87, 0.87), width=1.0)
     picture = over([grid, Area((frame,), INK, width=1.4)], 1.0, 128)
     result = find_areas(picture.astype(np.float32))

@@ -28,10 +28,8 @@ def tensors_of(scene: Scene, dtype: torch.dtype = torch.float64) -> list[torch.T
 
 def drawn(scene: Scene, tensors: list[torch.Tensor], fast: bool = False) -> torch.Tensor:
     """The picture of tensors in place of a scene's parameters, by one of the two renderers."""
-    renderer, size = (
-        fast_composite if fast else composite,
-        (round(scene.height), round(scene.width)),
-    )
+    renderer = fast_composite if fast else composite
+    size = round(scene.height), round(scene.width)
     if scene.blend == ADD:
         *others, background = tensors
         return renderer(*others, None, background, *size)

@@ -19,18 +19,13 @@ BOX = (-2, 3, 11, 8)  # left, top, width, height
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
-def star(seed: int, curved: bool = True) -> Outline:
-    """A closed outline around (20, 20) that does not cross itself."""
+def star(seed: int, left: float) -> Outline:
+    """A closed outline of curves around (left + 5, 5) that does not cross itself."""
     rng = np.random.default_rng(seed)
-    count = 3 * int(rng.integers(3, 7)) if curved else int(rng.integers(3, 12))
-    angle, radius = 2 * np.pi * np.arange(count) / count, rng.uniform(8, 18, count)
-    points = 20 + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return Outline(tuple(map(tuple, points)), (curved,) * (count // 3 if curved else count))
-
-
-def moved(outline: Outline, matrix, offset) -> Outline:
-    points = np.array(outline.points) @ np.array(matrix).T + offset
-    return Outline(tuple(map(tuple, points)), outline.curved, outline.closed)
+    count = 3 * int(rng.integers(3, 7))
+    angle, radius = 2 * np.pi * np.arange(count) / count, rng.uniform(2, 4.5, count)
+    points = 5 + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return Outline(tuple(map(tuple, points + [left, 0])), (True,) * (count // 3))
 
 
 SHARP = ((4, 6), (56, 10.3), (28, 19.8), (40, 54.5))  # the first corner is beyond the mitre limit
@@ -95,7 +90,7 @@ def test_extreme_areas_cover_shares(scale, width):
 def scene_of(seed: int) -> Scene:
     rng = np.random.default_rng(seed)
     stops = ((0.2, 0.9), ((1.0, 0.5, 0.0), (0.0, 0.25, 1.0)))
-    small = [moved(star(seed + k), np.eye(2) / 4, [k, 0]) for k in range(3)]
+    small = [star(seed + k, k) for k in range(3)]
     areas = (
         Area((small[0],), tuple(rng.random(3)), 0.7),
         Area((small[1],), LinearGradient(*stops, (2.0, 1.0), (7.0, 8.0))),
@@ -123,10 +118,6 @@ def test_a_gaussian_lies_over_the_areas_of_its_level_and_under_the_others(dtype,
     np.testing.assert_allclose(render_reference(scene), image, atol=1e-9)
 
 
-def torch_ground(scene: Scene, dtype: type = np.float64, backdrop=None) -> torch.Tensor:
-    return torch.from_numpy(ground_of(scene, 8, 9, dtype, backdrop)).movedim(0, -1)
-
-
 def drawn_by_levels(scene: Scene, tensors: list[torch.Tensor], fast: bool) -> torch.Tensor:
     """The picture of tensors in place of the parameters of all Gaussians, those below areas too."""
     *shapes, image, beta = tensors
@@ -134,7 +125,8 @@ def drawn_by_levels(scene: Scene, tensors: list[torch.Tensor], fast: bool) -> to
     for level in [*np.unique(scene.level[scene.level != ABOVE]).tolist(), ABOVE]:
         last = len(scene.areas) if level == ABOVE else level
         areas = Scene(9, 8, areas=scene.areas[first:last])
-        black, white = (torch_ground(areas, backdrop=grey) for grey in (0.0, 1.0))
+        grounds = (ground_of(areas, 8, 9, np.float64, grey) for grey in (0.0, 1.0))
+        black, white = (torch.from_numpy(one).movedim(0, -1) for one in grounds)
         own, first = torch.from_numpy(scene.level == level), last
         parts = [tensor[own] for tensor in shapes]
         image = drawn(scene, [*parts, black + (white - black) * image, beta[own]], fast)
