@@ -151,14 +151,6 @@ cpu.CORES = max(2, cpu.CORES)
 
 
 @pytest.fixture
-def threads_given_back() -> Iterator[None]:
-    """For tests that set the number of threads."""
-    before = cpu.threads
-    yield
-    cpu.threads = before
-
-
-@pytest.fixture
 def hasty(monkeypatch) -> None:
     """Fits of a few steps, for what says nothing of how close they come."""
     from gauss2svg.pipeline import by_bytes

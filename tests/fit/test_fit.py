@@ -9,7 +9,7 @@ from scenes import random_areas, random_scene
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import PSNR, FitOptions
-from gauss2svg.fit.placement import NewGaussians, place
+from gauss2svg.fit.placement import place
 from gauss2svg.fit.session import FitSession, convert_additive, fit
 from gauss2svg.fit.state import COLUMN_COUNT, FIRST_DECAY, State, columns_of, step
 from gauss2svg.fit.target import Target
@@ -49,12 +49,11 @@ def test_every_loss_placement_and_list_of_rounds_fits_the_photo(photo, options):
     assert metrics.psnr(render(result.scene), photo[::2, ::2]) > 20 + 2 * ("loss" in options)
 
 
-@pytest.mark.usefixtures("threads_given_back")
 @pytest.mark.parametrize("blend", BLENDS)
-def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, blend):
+def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, blend, monkeypatch):
     scenes = []
     for threads, seed in ((1, 3), (2, 3), (2, 4)):
-        cpu.threads = threads
+        monkeypatch.setattr(cpu, "threads", threads)
         scenes.append(fit(photo, fit_config(150, 20, seed=seed, init="error", blend=blend)).scene)
     one, same, other = scenes
     for name in ("mean", "sigma", "rho", "color", "opacity"):
@@ -145,20 +144,14 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd():
         np.testing.assert_allclose(fast[:, column] / scale, slow / scale, atol=1e-12)
 
 
-def placed(kind: str, picture, count: int, rendered=0.25, blend: str = "add") -> NewGaussians:
-    """So many new Gaussians where a picture (h, w, 3) is not yet as rendered."""
-    target = Target(np.asarray(picture, np.float32), "psnr")
-    drawn = np.broadcast_to(np.float32(rendered), target.planar.shape)
-    rng = np.random.default_rng(0)
-    return place(kind, target, drawn, count, count, rng, additive=blend == "add")
-
-
 def test_live_begins_on_the_largest_components_of_the_bins_as_the_paper_says():
     picture = np.full((60, 80, 3), 0.25)
     picture[10:30, 8:28] = 1.0  # 400 px around (18, 20)
     picture[40:50, 50:60] = 1.0  # 100 px around (55, 45)
     picture[5, 70] = 0.3  # under the threshold
-    new = placed("live", picture, 6)
+    target = Target(np.asarray(picture, np.float32), "psnr")
+    drawn = np.full(target.planar.shape, np.float32(0.25))
+    new = place("live", target, drawn, 6, 6, np.random.default_rng(0), additive=True)
     np.testing.assert_allclose(new.mean[:2], [[18, 20], [55, 45]])
     # sigma = sqrt(A / (r s^2)) units of s / 10 px, r = 0.07, whatever the kernel size s
     for k, area in enumerate((400, 100)):

@@ -45,10 +45,7 @@ def test_report_measures_the_file_not_the_model_and_is_json(photo, result):
     assert abs(report["bias_roundtrip"]) < 0.5
 
 
-@pytest.mark.parametrize(
-    "change",
-    [{"loss": "l1"}, {"seed": 1, "init": "random"}],
-)
+@pytest.mark.parametrize("change", [{"loss": "l1"}, {"seed": 1, "init": "random"}])
 def test_every_option_reaches_the_fit(photo, change):
     less = dict(list(change.items())[1:])  # without the first option
     assert vectorize(photo, **QUICK, **change).svg != vectorize(photo, **QUICK, **less).svg

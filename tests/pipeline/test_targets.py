@@ -110,11 +110,8 @@ def test_a_file_without_room_for_a_shape_is_its_background_and_that_is_said(phot
 @pytest.mark.parametrize("given", [{"gaussians": 30}, {"max_bytes": 3000}, {"target_psnr": 50}])
 def test_a_run_that_is_stopped_at_once_says_that_nothing_is_drawn_yet(given, photo):
     report = vectorize(photo[:40, :40], stop=lambda: True, **given).report
-    assert (report["stop_reason"], report["gaussians"], report["area_count"]) == (
-        "interrupted",
-        0,
-        0,
-    )
+    assert report["stop_reason"] == "interrupted"
+    assert report["gaussians"] == report["area_count"] == 0
     assert "interrupted before the first shape: the file has none" in report["unreached"]
 
 

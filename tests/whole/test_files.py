@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from galleries import save
 from pictures import possible
 
 from gauss2svg.cli.main import main
@@ -17,11 +16,6 @@ from gauss2svg.files import write_atomically
 pytestmark = pytest.mark.usefixtures("drawn_here")
 
 TINY = ["--gaussians", "3", "--iterations", "2", "--quiet"]
-
-
-@pytest.fixture
-def picture(photo, tmp_path):
-    return save(photo[40:56, 40:56], tmp_path / "photo.png")
 
 
 @pytest.fixture

@@ -15,10 +15,6 @@ from gauss2svg.processes import run
 pytestmark = pytest.mark.posix
 
 
-def shell(script, data=None, **options):
-    return run(["sh", "-c", script], data, **options)
-
-
 def test_after_its_time_a_process_and_its_children_end_in_whatever_group_they_are(tmp_path):
     script = (
         "import os, signal, subprocess, sys; from pathlib import Path; "
@@ -48,7 +44,7 @@ def test_an_interrupt_ends_the_process_and_is_raised(monkeypatch):
 
     monkeypatch.setattr(subprocess.Popen, "communicate", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        shell(script)
+        run(["sh", "-c", script])
     assert [process.returncode for process in begun] == [-signal.SIGKILL]
 
 

@@ -92,16 +92,13 @@ def test_losses_and_removal_costs_are_of_the_errors_over_white_and_over_black(ar
     drawn = [render(scene.replace(background=np.full(3, b)), dtype=np.float64) for b in BACKDROPS]
     errors = [one - over(rgba, b) for one, b in zip(drawn, BACKDROPS, strict=True)]
     squares = np.sum(np.square(errors) * target.weight[:, :, None])
-    before, (rendered, cost) = (
-        target.weighted_squares(target.rendered(splats)),
-        target.removal_cost(splats),
-    )
+    before = target.weighted_squares(target.rendered(splats))
+    rendered, cost = target.removal_cost(splats)
     assert before == pytest.approx(squares, rel=1e-6)
     assert before == pytest.approx(target.weighted_squares(rendered), rel=1e-9)
     for i in range(9):
-        without = target.weighted_squares(
-            target.rendered(splats_of(scene.select(np.arange(9) != i)))
-        )
+        others = splats_of(scene.select(np.arange(9) != i))
+        without = target.weighted_squares(target.rendered(others))
         assert cost[i, 0] == pytest.approx(without - before, abs=1e-6)
 
 
