@@ -103,8 +103,8 @@ def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_pa
     assert [row["settings"] for row in summarise(rows[:3], 2)] == [{"gaussians": 5}]
 
 
-def test_a_picture_that_a_setting_draws_exactly_counts_in_no_mean_of_psnr(
-    photo, tmp_path, requests
+def test_a_picture_that_a_setting_draws_exactly_is_named_and_counts_in_no_mean_of_psnr(
+    photo, tmp_path, requests, monkeypatch
 ):
     paths = [save(photo[: 20 + at, :20], tmp_path / f"{at}.png") for at in range(3)]
     rows = run_bench(paths, tmp_path / "own", axes={"gaussians": [5, 7]})
@@ -118,17 +118,14 @@ def test_a_picture_that_a_setting_draws_exactly_counts_in_no_mean_of_psnr(
     for row in rows[4:]:  # of all pictures
         row["psnr_svg"] = None
     assert [row["below_both_dB"] for row in summarise(rows, 3)] == [0, None]
-
-
-def test_the_summary_names_pictures_that_are_exact(photo, tmp_path, requests, monkeypatch):
-    paths = [save(photo[: 20 + at, :20], tmp_path / f"{at}.png") for at in range(2)]
     answer = table.measure_run
+    requests.clear()
 
     def exact_once(request):
         return answer(request) | ({"psnr_svg": None} if len(requests) == 1 else {})
 
     monkeypatch.setattr(table, "measure_run", exact_once)
-    run_bench(paths, tmp_path / "out", axes={"gaussians": [7]})
+    run_bench(paths[:2], tmp_path / "out", axes={"gaussians": [7]})
     text = (tmp_path / "out" / "summary.md").read_text()
     assert "PSNR leaves out 1 that a setting draws exactly: 0.png." in text
     assert "| **gaussians 7** | 23.00 |" in text

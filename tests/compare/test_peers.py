@@ -90,6 +90,9 @@ def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal
     ):
         (tmp_path / "bad.csv").write_text(text)
         assert message in refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=bad.csv")
+    (tmp_path / "table.csv").write_text('photo,total_s\na,"31,5"\n')
+    message = "total_s in line 2 of . must be a number with a point, or empty; got '31,5'"
+    assert message in refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=.")
     peers = "each=each.csv,means=means.csv,some=some.csv"
     axis = ["--axis", "iterations=1", "--axis", "gaussians=1"]
     rows = reported("bench", *two_photos, "--peers", peers, *axis, status=1)
@@ -102,12 +105,6 @@ def test_published_numbers_are_rows_of_a_benchmark(two_photos, tmp_path, refusal
     assert "| each | 25.00 |" in text
     assert "| some (1 of 2 photos) | 20.00 |" in text
     assert "- some on a.png: some must have a file or a row for each photo; got none" in text
-
-
-def test_a_cost_that_is_no_number_is_refused(two_photos, tmp_path, refusal):
-    (tmp_path / "table.csv").write_text('photo,total_s\na,"31,5"\n')
-    message = "total_s in line 2 of . must be a number with a point, or empty; got '31,5'"
-    assert message in refusal("bench", *two_photos, "-o", "bad", "--peers", "bad=.")
 
 
 @pytest.mark.usefixtures("hasty")
