@@ -1,6 +1,5 @@
 """Batches: every photo once, as by the command; done ones are skipped, failed ones reported."""
 
-import csv
 import errno
 import json
 import os
@@ -9,11 +8,11 @@ from concurrent.futures.process import BrokenProcessPool
 from types import SimpleNamespace
 
 import pytest
-from batches import TINY_COMMAND, marks, outputs, save_photo, save_photos, tiny
+from batches import TINY_COMMAND, marks, outputs, rows, save_photo, save_photos, tiny
 
 from gauss2svg.batch import many
 from gauss2svg.batch.inputs import write
-from gauss2svg.batch.many import MARKS, STATE, TABLE, PhotoRecord, Summary, vectorize_many
+from gauss2svg.batch.many import MARKS, STATE, PhotoRecord, Summary, vectorize_many
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pool import WorkerDiedError
@@ -41,11 +40,6 @@ def run(tmp_path):
         return {kind: sorted(names) for kind, names in found.items()}
 
     return run
-
-
-def rows(out):
-    with (out / TABLE).open(newline="", encoding="utf-8") as stream:
-        return {row["output"]: row for row in csv.DictReader(stream)}
 
 
 def test_outputs_are_those_of_the_command_under_relative_names(run, photos, tmp_path):

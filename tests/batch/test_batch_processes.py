@@ -1,6 +1,5 @@
 """Batches in processes: whatever dies, files are those of a quiet run."""
 
-import csv
 import os
 import signal
 import subprocess
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from batches import TINY_COMMAND, marks, outputs, save_photos, tiny
+from batches import TINY_COMMAND, marks, outputs, rows, save_photos, tiny
 from conftest import has_ended
 
 import gauss2svg
@@ -109,8 +108,7 @@ def check_whole(out, quiet):
 
 def errors_in(out):
     """The codes of errors in the table, "" of those that are done, by outputs."""
-    with (out / TABLE).open(newline="") as table:
-        return {row["output"]: row["error_code"] for row in csv.DictReader(table)}
+    return {name: row["error_code"] for name, row in rows(out).items()}
 
 
 def test_interrupted_and_killed_and_run_again_is_run_once(batches, photos, quiet, tmp_path):

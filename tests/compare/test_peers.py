@@ -1,13 +1,12 @@
 """Files and numbers of other methods, and what a batch has made, as they are in reports."""
 
 import base64
-import csv
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from batches import PoolHere
+from batches import PoolHere, rows
 from galleries import BLANK, save
 from PIL import Image
 
@@ -112,12 +111,11 @@ def test_a_batch_is_shown_and_measured_without_another_fit(two_photos, tmp_path,
     two_photos[0] = str(Path(two_photos[0]).rename(tmp_path / "-a.png"))
     assert main(["batch", *two_photos, "-o", "out", "--quiet", "--gaussians", "9"]) == 0
     monkeypatch.setattr(run, "vectorize_by", None)
-    with (tmp_path / "out" / "gauss2svg-batch" / "table.csv").open() as file:
-        made = {row["output"].removeprefix("'"): row for row in csv.DictReader(file)}
+    made = {name.removeprefix("'"): row for name, row in rows(tmp_path / "out").items()}
     for command in ("gallery", "bench"):
-        rows = reported(command, "--from", "out")
-        assert rows.keys() == {("-a.png", "batch"), ("b.png", "batch")}
-        for (photo, _), row in rows.items():
+        found = reported(command, "--from", "out")
+        assert found.keys() == {("-a.png", "batch"), ("b.png", "batch")}
+        for (photo, _), row in found.items():
             of_batch = made[photo.replace("png", "svg")]
             for name in ("psnr_svg", "gaussians", "svg_bytes", "svgz_bytes", "total_s", "cpu_s"):
                 assert row[name] == pytest.approx(float(of_batch[name])), name

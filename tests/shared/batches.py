@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from concurrent.futures import Future
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from gauss2svg.batch.many import MARKS, STATE
+from gauss2svg.batch.many import MARKS, STATE, TABLE
 from gauss2svg.pipeline.options import Options
 
 # The least work that still gives a file of its own for each photo.
@@ -65,6 +66,12 @@ def outputs(folder: Path) -> dict[str, bytes]:
         for path in folder.rglob("*")
         if path.is_file() and STATE not in path.parts and path.name[0] != "."  # unfinished
     }
+
+
+def rows(folder: Path) -> dict[str, dict[str, str]]:
+    """The table of an output folder, by its outputs."""
+    with (folder / TABLE).open(newline="", encoding="utf-8") as stream:
+        return {row["output"]: row for row in csv.DictReader(stream)}
 
 
 def marks(folder: Path) -> dict[str, dict]:

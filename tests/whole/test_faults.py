@@ -11,6 +11,7 @@ import sys
 
 import numpy as np
 import pytest
+from galleries import BLANK
 from PIL import Image
 
 from gauss2svg.cli.main import main
@@ -61,9 +62,7 @@ def made(folder, old):
     folder.mkdir()
     pixels = np.random.default_rng(3).integers(0, 255, (16, 16, 3), np.uint8)
     Image.fromarray(pixels).save(folder / "photo.png")
-    (folder / "drawing.svg").write_text(
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
-    )
+    (folder / "drawing.svg").write_text(BLANK)
     for name in OUTPUTS[old::2]:
         (folder / name).write_bytes(b"old " + name.encode())
         (folder / name).chmod(0o640)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from galleries import BLANK
 from pictures import possible
 
 from gauss2svg.cli.main import main
@@ -16,13 +17,6 @@ from gauss2svg.files import write_atomically
 pytestmark = pytest.mark.usefixtures("drawn_here")
 
 TINY = ["--gaussians", "3", "--iterations", "2", "--quiet"]
-
-
-@pytest.fixture
-def svg(tmp_path):
-    path = tmp_path / "drawing.svg"
-    path.write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>')
-    return path
 
 
 def content(folder):
@@ -113,9 +107,10 @@ def needs_posix(words):
     [pytest.param(*row, marks=[pytest.mark.posix] * needs_posix(row[0])) for row in REFUSED],
 )
 def test_what_cannot_be_written_is_one_line_and_changes_no_file(
-    words, line, picture, svg, tmp_path, monkeypatch, refusal
+    words, line, picture, tmp_path, monkeypatch, refusal
 ):
     monkeypatch.chdir(tmp_path)
+    Path("drawing.svg").write_text(BLANK)
     Path("hard.png").hardlink_to(picture)
     Path("no").mkdir()
     if os.name == "posix":
