@@ -18,6 +18,7 @@ from typing import Any
 # As gauss2svg.render.cpu does, which is too late where a test module imports torch first.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+import galleries
 import gallery_site
 import numpy as np
 import psutil
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from screens import chromium
 from skimage import data
 
+from gauss2svg.compare import pages, run
 from gauss2svg.errors import RendererError
 from gauss2svg.measure import NO_SCORES
 from gauss2svg.raster import RENDERERS, rasterize
@@ -230,10 +232,6 @@ def visit(tabs, gallery):
 @pytest.fixture
 def asked(monkeypatch):
     """The requests of a gallery, answered in this process: SVGs by `galleries.canned`."""
-    import galleries
-
-    from gauss2svg.compare import pages, run
-
     found, make_photo = galleries.Asked(), run.make_photo
 
     def answer(kind, make, request):
@@ -250,16 +248,12 @@ def asked(monkeypatch):
 @pytest.fixture
 def picture(photo, tmp_path):
     """The path of a photo of 64x48 px, of 96 px an inch."""
-    import galleries
-
     return galleries.save(photo[:48, :64], tmp_path / "photo.png", dpi=(96, 96))
 
 
 @pytest.fixture
 def two(photo, tmp_path):
     """Paths of two photos."""
-    import galleries
-
     names = enumerate(("a.png", "b.png"), 1)
     return [galleries.save(photo[:9, i : 9 + i], tmp_path / name) for i, name in names]
 

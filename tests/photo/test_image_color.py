@@ -2,21 +2,17 @@
 
 import struct
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
-from pictures import assert_read, chunk, encoded, png, srgb_curve
+from pictures import CONVERTED, DATA, assert_read, chunk, encoded, png, srgb_curve
 from PIL import Image, ImageCms
 
 from gauss2svg.photo.load import load_image
 
-DATA = Path(__file__).parents[1] / "data"
-
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-CONVERTED = "converted from its embedded ICC profile to sRGB"
 UNUSABLE = "embedded ICC profile unreadable or for another colour space; sRGB assumed"
 
 

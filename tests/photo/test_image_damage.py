@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from pictures import encoded, png, tiff
+from pictures import BROKEN, encoded, png, tiff
 from PIL import Image
 
 from gauss2svg.errors import InputError
@@ -20,7 +20,6 @@ from gauss2svg.photo.pixels import has_alpha, shrunk
 RNG = np.random.default_rng(0)
 HEIGHT, WIDTH = 151, 217
 LEVEL = 1 / 255
-REFUSED = "must be a complete image of a supported kind; got one that is broken, truncated or"
 # What only the programmers of a decoder understand: names of functions and of exceptions.
 INTERNAL = re.compile(r"\n|unable to (call|fetch|open source)|[Vv]ips|AssertionError")
 SMOOTH = np.stack(
@@ -64,7 +63,7 @@ def refuses(file: bytes, **given: int) -> bool:
         load_image(file, **given)
     except InputError as error:
         line = str(error)
-        return REFUSED in line and not INTERNAL.search(line)
+        return BROKEN in line and not INTERNAL.search(line)
     return False
 
 

@@ -1,11 +1,10 @@
 """What any source and each format can hold arrives as it was stored, or is refused."""
 
 import io
-from pathlib import Path
 
 import numpy as np
 import pytest
-from pictures import assert_read, chunk, encoded, png, srgb_curve
+from pictures import CONVERTED, DATA, assert_read, chunk, encoded, png, srgb_curve
 from PIL import Image
 
 from gauss2svg.errors import InputError
@@ -13,8 +12,6 @@ from gauss2svg.photo.load import load_image
 from gauss2svg.photo.pixels import shrunk
 
 RNG = np.random.default_rng(0)
-CONVERTED = "converted from its embedded ICC profile to sRGB"
-DATA = Path(__file__).parents[1] / "data"
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
 WIDE = RNG.integers(0, 65536, (11, 13, 4), dtype=np.uint16)
 SMOOTH = np.uint8(np.mgrid[:24, :40].sum(0)[:, :, None] * [3, 2, 1] + [20, 60, 100])

@@ -3,11 +3,10 @@
 import os
 import struct
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
-from pictures import chunk, encoded, png, tiff
+from pictures import BROKEN, DATA, chunk, encoded, png, tiff
 from PIL import Image
 
 from gauss2svg.batch.inputs import is_picture
@@ -18,9 +17,8 @@ from gauss2svg.photo.load import load_image
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (12, 19, 3), dtype=np.uint8)
-BROKEN = "must be a complete image of a supported kind; got one that is broken, truncated or"
 PICTURE = Image.fromarray(BYTES)
-HEIC = (Path(__file__).parents[1] / "data" / "turned.heic").read_bytes()
+HEIC = (DATA / "turned.heic").read_bytes()
 
 
 def psd_of(array) -> bytes:

@@ -7,6 +7,7 @@ import os
 import re
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import tifffile
@@ -22,6 +23,9 @@ _ADAM7 = (
     (0, 1, 1, 2),
 )  # fmt: skip
 _COLOR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}  # by channels
+DATA = Path(__file__).parents[1] / "data"
+CONVERTED = "converted from its embedded ICC profile to sRGB"
+BROKEN = "must be a complete image of a supported kind; got one that is broken, truncated or"
 
 
 def encoded(picture: Image.Image, name: str, **options) -> bytes:

@@ -18,7 +18,7 @@ import PIL
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pictures import chunk, encoded
+from pictures import DATA, chunk, encoded
 from PIL import Image, ImageCms
 from scenes import minimal_by_gradients, random_scene, random_sum
 
@@ -36,7 +36,6 @@ from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
-DATA = Path(__file__).parents[1] / "data"
 PIXELS = np.random.default_rng(0).integers(0, 256, (16, 16, 3), np.uint8)
 EXAMPLES = settings().max_examples
 MANY = settings(max_examples=25 * EXAMPLES, suppress_health_check=list(HealthCheck))
