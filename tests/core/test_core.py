@@ -77,4 +77,4 @@ def test_nothing_is_read_or_written_beside_arrays_and_nothing_is_undefined(tmp_p
     subprocess.run(build, check=True, env={**os.environ, "CC": checks})
     library = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True)
     variables = {"ASAN_OPTIONS": "detect_leaks=0", "LD_PRELOAD": library.stdout.strip()}
-    printed(DRAWING, 100, tree, **variables)
+    printed(DRAWING, 100, tree=tree, **variables)

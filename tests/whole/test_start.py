@@ -1,12 +1,10 @@
 """Laws of what a run imports: nothing slow that it does not use; twins give the same bits."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from levels import printed
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 from skimage.measure import label
@@ -21,9 +19,7 @@ from gauss2svg.without_scipy import nearest_entry, smoothed
 def loaded_by(code, names, *arguments):
     """Which of these packages a process of its own has loaded once it has run the code."""
     code += "; import sys; print(*sorted(set(sys.argv[1].split()) & set(sys.modules)))"
-    command = [sys.executable, "-P", "-c", code, " ".join(names), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return done.stdout.splitlines()[-1].split()
+    return printed(code, " ".join(names), *arguments).splitlines()[-1].split()
 
 
 COMMAND = "import sys; from gauss2svg.cli.main import main; main(sys.argv[2:])"
