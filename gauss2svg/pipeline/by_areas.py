@@ -108,7 +108,7 @@ class ByAreas:
         # Scene on the working canvas whose unchanged areas stay as they are
         self._start = None if start is None else scaled_to(start, subject.size)
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
-        self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
+        self._limit, self._tries = plan.goal.byte_limit, 0
         self._is_cut = self._is_late = self._is_anew = False
         self._is_hurried = False  # whether areas would be closer in more time
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture

@@ -67,7 +67,6 @@ class ByBytes:
     """
 
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
-        assert plan.goal.byte_limit is not None
         self._plan, self._run, self._limit = plan, run, plan.goal.byte_limit
         # A flat file needs only the mean colour.
         self.subject = dataclasses.replace(subject, working=shrunk(subject.photo, 1, 1))
@@ -110,9 +109,9 @@ class ByBytes:
         side = min(side, options.run.max_size or side, max(photo.shape[:2]))
         width, height = (max(1, round(length * side / max(canvas))) for length in canvas)
         self.subject = dataclasses.replace(self.subject, working=shrunk(photo, height, width))
-        caps = [math.prod(self.subject.size), self._plan.goal.count]
-        caps += [self._plan.preset.cap] if self._plan.goal.quality is not None else []
-        self._most = min(cap for cap in caps if cap is not None)
+        # The cap of any preset is above the number of shapes of so few bytes.
+        pixels, count = math.prod(self.subject.size), self._plan.goal.count
+        self._most = pixels if count is None else min(count, pixels)
         self._exporter = Exporter(self._plan, self.subject)
 
     def run(self) -> Outcome:

@@ -42,7 +42,7 @@ from gauss2svg.fit.target import Target
 from gauss2svg.measure import PSNR, Search
 from gauss2svg.photo.pixels import has_alpha, over
 from gauss2svg.pipeline.outcome import FULL, Export, Exporter, Outcome, Subject
-from gauss2svg.pipeline.plan import CAP_FOR_TARGET, GZIP, USUAL_BYTES, Aim, Plan
+from gauss2svg.pipeline.plan import GZIP, USUAL_BYTES, Aim, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
@@ -93,26 +93,15 @@ class ByCount(DensificationPolicy):
         self._first_file = list[Export]()
         goal, aim, pixels = plan.goal, plan.aim, math.prod(subject.size)
         self._bytes_each = plan.shape_bytes / (GZIP if plan.counts_gzipped else 1)
-        # A Gaussian has nine numbers, as three pixels have. With a budget, two are enough.
-        each = 2 if plan.is_budget else 3
-        cap = min(plan.preset.cap, max(1, pixels // each))
-        # Corrections may raise the count up to this number. Growth may raise it only up to
-        # `expected`.
-        self._most = cap if aim is None else max(cap, min(CAP_FOR_TARGET, pixels))
-        self._cap_reason, self._psnr_reason, self._psnr = "cap", "enough", plan.stop_psnr
-        if goal.count is not None:
-            cap = self._most = goal.count
-            self._cap_reason, self._psnr = "gaussians", math.inf
-        # Only PSNR has no usual slope. Growth measures it, so growth can aim at a target PSNR.
-        if aim is not None and aim.search.slope is None:
+        self.expected, self._most = plan.caps(pixels)
+        self._cap_reason = "cap" if goal.count is None else "gaussians"
+        self._psnr_reason, self._psnr = "enough", plan.stop_psnr if goal.count is None else math.inf
+        if aim is not None and plan.grows_to_aim:
             # Writing the file is expected to raise the squared error of the scene by 6 %.
             writing = 10 * portable.log10(1.06)
-            self._psnr_reason, cap = aim.of.option, self._most
-            self._psnr = aim.value + aim.search.margin + writing
-        # If the target is not a PSNR, growth cannot aim at it. Growth then ends at the preset's
-        # PSNR, and corrections raise or lower the count until the file reaches the target.
-        self.expected, self._first = cap, FIRST_ROUND
-        is_limited = plan.is_budget or goal.byte_limit is not None or goal.count is not None
+            self._psnr_reason, self._psnr = aim.of.option, aim.value + aim.search.margin + writing
+        self._first = FIRST_ROUND
+        is_limited = plan.is_budget or goal.byte_limit < math.inf or goal.count is not None
         # Whether the goal is the best picture within a limit or with a given count.
         self._wants_best = aim is None and is_limited
         # Gaussians are added only as long as each one gains at least this many dB. It is 0 with a
@@ -122,7 +111,7 @@ class ByCount(DensificationPolicy):
         self.least_gain = self._gain = 0.0 if aim or is_limited else usual
         self._least_saved = plan.rate * plan.shape_bytes / (3 * pixels)
         if plan.only_time_limits:
-            self.expected = int(min(cap, run.budget.most_gaussians(0.0)))
+            self.expected = int(min(self.expected, run.budget.most_gaussians(0.0)))
             self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
         # Growth has a first round, one round for each doubling, and one to spare.
         self.rounds = max(1, math.ceil(portable.log2(max(self.expected, 1) / self._first)) + 2)
@@ -167,7 +156,7 @@ class ByCount(DensificationPolicy):
             session.resize(wanted, self._steps(CORRECTION_SHARE))
         candidates, limit = [*self._first_file, *exports], plan.goal.byte_limit
         best = self.best(candidates)
-        if limit is not None and best.size > limit:
+        if best.size > limit:
             within = [export for export in candidates if export.size <= limit]
             best = max([self._exporter.pruned(best, limit), *within], key=attrgetter("score"))
         fitted = session.result()
@@ -205,12 +194,12 @@ class ByCount(DensificationPolicy):
             count, self.stop_reason = min(len(start), self.expected), "start"
         doublings = abs(portable.log2(max(count, 1) / len(start)))
         session.begin_with(start)
-        if (limit := plan.goal.byte_limit) is not None:
+        if (limit := plan.goal.byte_limit) < math.inf:
             first = self._exporter.export(session.scene())
             if first.size <= limit and session.count == count:
                 self._first_file = [first]
         # The bytes of shapes that are not yet quantised would mislead the search for the count.
-        keeps = limit is None or bool(self._first_file)
+        keeps = limit == math.inf or bool(self._first_file)
         session.refine(count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)), keeps)
 
     def _steps(self, share: float) -> int:
@@ -315,7 +304,7 @@ class ByCount(DensificationPolicy):
         if self._phase == "additive":  # the bytes of its shapes in the file are unknown
             return counts
         counts["time_limit"] = in_time
-        if limit is not None:
+        if limit < math.inf:
             refines = fit.done > schedule.GROWTH_SHARE
             # The fit has more shapes than the file may have, and the least useful ones are pruned
             # later. The bytes of a quantised scene hardly change in the last steps. With a target,
@@ -375,7 +364,7 @@ class ByCount(DensificationPolicy):
         # The count is not reduced for lack of time here, because that would take still more time.
         in_time = max(self._budget.most_gaussians(1.0), count)
         counts = {self._cap_reason: float(self._most), "time_limit": in_time}
-        if limit is not None:
+        if limit < math.inf:
             if count:
                 self._bytes_each = self._exporter.bytes_each(last.scene, limit)
             counts["max_bytes"] = self._in_bytes(limit)
@@ -389,7 +378,7 @@ class ByCount(DensificationPolicy):
             return 0 if is_met else int(min(FIRST_ROUND, *counts.values()))
         needed = self._needed(count, exports)
         if needed == count:
-            if limit is not None and last.size > limit:
+            if last.size > limit:
                 self.stop_reason = "max_bytes"
             return count
         counts = {"enough" if plan.aim is None else "iterations": needed, **counts}
@@ -408,7 +397,7 @@ class ByCount(DensificationPolicy):
         if self._wants_best:
             # The count is raised only to fill a limit of bytes, and only as long as the PSNR is so
             # low that more Gaussians improve the picture visibly.
-            fills = self._plan.goal.byte_limit is not None and excess < 0
+            fills = self._plan.goal.byte_limit < math.inf and excess < 0
             return 4 * count if fills else count
         ended_before = excess < 0 and not is_aim and self.stop_reason != "enough"
         if ended_before or -search.too_little <= excess <= search.too_good:
@@ -446,15 +435,13 @@ class ByCount(DensificationPolicy):
         limit or so little beyond it that it will be pruned. If all files are too large, it is the
         smallest one.
         """
-        limit = self._plan.goal.byte_limit or math.inf
+        limit = self._plan.goal.byte_limit
         largest = limit if self._plan.aim is not None else TOO_LARGE * limit
         small = [e for e in exports if e.size <= largest]
         if not small:
             return min(exports, key=attrgetter("size"))
-        if self._wants_best:
-            return max(small, key=attrgetter("score"))
         met = [e for e in small if self._aim.is_met_by(e.score)]
         close = [e for e in met if e.score <= self._aim.value + self._aim.search.too_good]
-        if not met:
+        if self._wants_best or not met:
             return max(small, key=attrgetter("score"))
         return min(close or met, key=attrgetter("size"))

@@ -6,6 +6,7 @@ The command line and the report are derived from the options.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_type_hints
@@ -78,9 +79,9 @@ class Goal(OptionGroup):
         return self.gaussians if isinstance(self.gaussians, int) else None
 
     @property
-    def byte_limit(self) -> int | None:
-        """`max_bytes` as a number of bytes, None without a limit."""
-        return self.max_bytes if isinstance(self.max_bytes, int) else None
+    def byte_limit(self) -> float:
+        """`max_bytes` as a number of bytes, infinite without a limit."""
+        return self.max_bytes if isinstance(self.max_bytes, int) else math.inf
 
     @property
     def is_limited(self) -> bool:

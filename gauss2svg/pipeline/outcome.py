@@ -224,7 +224,7 @@ class Exporter:
             return plan.aim.score(self.raster(svg), subject.photo)
         return model_psnr(scene, subject.working, subject.weight(subject.working))
 
-    def pruned(self, export: Export, limit: int) -> Export:
+    def pruned(self, export: Export, limit: float) -> Export:
         """Remove the least useful Gaussians of an export until its file has at most `limit` bytes.
 
         The Gaussians that are left are not fitted again. A file without Gaussians is returned even
@@ -322,7 +322,7 @@ def best_of(searched: Iterable[Outcome], plan: Plan, run: Run) -> Outcome:
 
     searched  outcomes of the searches. Each search runs when its outcome is requested
     """
-    aim, limit = plan.aim, plan.goal.byte_limit or math.inf
+    aim, limit = plan.aim, plan.goal.byte_limit
     outcomes, is_met = list[Outcome](), False
     for last in searched:
         # Searches without the aim have another score, and those for areas have none.

@@ -240,9 +240,9 @@ class Plan:
 
     def check_limit(self, size: int) -> None:
         """Raise InputError if the limit of bytes is below the size of a file without Gaussians."""
-        if (limit := self.goal.byte_limit) is not None and size > limit:
+        if size > self.goal.byte_limit:
             needed = f"at least {size}, the bytes of a file without Gaussians"
-            raise refusal("max_bytes", needed, str(limit), str(size))
+            raise refusal("max_bytes", needed, str(self.goal.byte_limit), str(size))
 
     @cached_property
     def preset(self) -> Preset:
@@ -257,13 +257,13 @@ class Plan:
             usual = PRESETS[self.goal.quality or DEFAULT_PRESET]
             stop = min(usual.stop_psnr + self.faintness, max(usual.stop_psnr, FAINT_STOP))
             return dataclasses.replace(usual, stop_psnr=stop)
-        usual = PRESETS["high" if limit is None or limit > 1_000_000 else DEFAULT_PRESET]
+        usual = PRESETS["high" if limit > 1_000_000 else DEFAULT_PRESET]
         cap, side, loss = MOST_GAUSSIANS, PRESETS["max"].max_size, usual.color_loss
         if seconds is not None:
             cap = min(cap, int(5000 * seconds))  # docs/decisions/time.md
-        if limit is not None:
+        if limit < math.inf:
             # An ellipse takes at least 60 bytes, in inks in minimal markup 20.
-            cap = min(cap, limit // (20 if self.in_inks else 60))
+            cap = min(cap, int(limit) // (20 if self.in_inks else 60))
             side, loss = usual.max_size, 1.0
         return dataclasses.replace(
             usual, gain=0.0, stop_psnr=INDISTINGUISHABLE, cap=max(cap, 150), max_size=side,
@@ -280,10 +280,9 @@ class Plan:
         return self.goal.is_budget and not self.options.svg.portable
 
     @property
-    def uncompressed_limit(self) -> int | None:
+    def uncompressed_limit(self) -> float:
         """Limit of bytes before gzip. It is estimated if the user's limit counts gzipped bytes."""
-        limit = self.goal.byte_limit
-        return limit if limit is None or not self.counts_gzipped else GZIP * limit
+        return self.goal.byte_limit * (GZIP if self.counts_gzipped else 1)
 
     @property
     def counts_gzipped(self) -> bool:
@@ -311,8 +310,26 @@ class Plan:
         It is the value of the preset. With a limit of bytes it is at least INDISTINGUISHABLE,
         because the goal is then the best picture that fits.
         """
-        least = 0.0 if self.goal.byte_limit is None and not self.rate else INDISTINGUISHABLE
+        least = INDISTINGUISHABLE if self.goal.byte_limit < math.inf or self.rate else 0.0
         return max(self.preset.stop_psnr, least)
+
+    def caps(self, pixels: int) -> tuple[int, int]:
+        """Return the largest counts of growth and of corrections, for a fit to so many pixels."""
+        if self.goal.count is not None:
+            return self.goal.count, self.goal.count
+        # A Gaussian has nine numbers, as three pixels have. With a budget, two are enough.
+        cap = min(self.preset.cap, max(1, pixels // (2 if self.is_budget else 3)))
+        most = cap if self.aim is None else max(cap, min(CAP_FOR_TARGET, pixels))
+        return most if self.grows_to_aim else cap, most
+
+    @property
+    def grows_to_aim(self) -> bool:
+        """Whether growth aims at the target. It can if it is a PSNR, whose slope it measures.
+
+        Otherwise growth ends at the preset's PSNR, and corrections raise or lower the count until
+        the file reaches the target.
+        """
+        return self.aim is not None and self.aim.search.slope is None
 
     @property
     def only_time_limits(self) -> bool:
@@ -344,17 +361,17 @@ class Plan:
     @cached_property
     def markup(self) -> Markup:
         """Markup of the file. If the option is auto, files within a small limit are minimal."""
-        asked, limit = self.options.svg.markup, self.uncompressed_limit
+        asked = self.options.svg.markup
         if asked != AUTO:
             return asked
         is_able = self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
-        return MINIMAL if is_able and limit and limit <= AUTO_MINIMAL else EDITABLE
+        return MINIMAL if is_able and self.uncompressed_limit <= AUTO_MINIMAL else EDITABLE
 
     @cached_property
     def by_bytes(self) -> bool:
         """Whether the search for shapes is a search by bytes. Otherwise it is one by count."""
-        fit, svg, limit = self.options.fit, self.options.svg, self.uncompressed_limit
-        is_small = limit is not None and limit <= BY_BYTES_UP_TO and self.markup == MINIMAL
+        fit, svg = self.options.fit, self.options.svg
+        is_small = self.uncompressed_limit <= BY_BYTES_UP_TO and self.markup == MINIMAL
         is_usual = fit.init == FitOptions.init and fit.relocate and fit.loss == DEFAULT_LOSS
         is_usual &= fit.blend == OVER and svg.palette is svg.stops is svg.precision is None
         return is_small and is_usual and not (self.in_inks or self.starts or self.aim)
@@ -371,7 +388,7 @@ class Plan:
             options = self.options.changed(areas=NEVER)
             alone = dataclasses.replace(self, options=options, has_areas=False, sketch="")
             return [self, alone] if self.has_areas else [self]
-        if self.aim and self.goal.byte_limit is not None and self.goal.time_limit is None:
+        if self.aim and self.goal.byte_limit < math.inf and self.goal.time_limit is None:
             options = self.options.changed(**{self.aim.of.option: None})
             return [self, dataclasses.replace(self, options=options)]
         return [self]

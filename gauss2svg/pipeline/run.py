@@ -28,7 +28,7 @@ from gauss2svg.options import Field
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.photo.pixels import Header, Photo, Size, SizeNeeded, elongation, reduced_size
 from gauss2svg.pipeline.options import Progress, ProgressCallback, RunOptions
-from gauss2svg.pipeline.plan import CAP_FOR_TARGET, Plan
+from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, held_bytes
 from gauss2svg.render import cpu
 from gauss2svg.scene import ADD
@@ -92,10 +92,7 @@ class Load:
     @property
     def most_gaussians(self) -> int:
         """Largest number of Gaussians that the run may use."""
-        if self.plan.goal.count is not None:
-            return self.plan.goal.count
-        cap = CAP_FOR_TARGET if self.plan.aim else self.plan.preset.cap
-        return min(cap, math.prod(self.fit) // 2)
+        return max(self.plan.caps(math.prod(self.fit)))
 
     @property
     def bytes(self) -> int:

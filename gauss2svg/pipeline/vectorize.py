@@ -377,7 +377,7 @@ def _exact(plan: Plan, subject: Subject, run: Run) -> Outcome | None:
 
     if isinstance(inks, str):
         sprite = sprite_in_inks(sprite, inks)
-    exporter, limit = Exporter(plan, subject), plan.goal.byte_limit or math.inf
+    exporter, limit = Exporter(plan, subject), plan.goal.byte_limit
     (width, height), (rows, columns) = subject.canvas, sprite.cells.shape
     scale = width / (columns * sprite.side), height / (rows * sprite.side)
     for overlap in (True, False):
