@@ -49,9 +49,7 @@ FORMATS = {
         Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", ""),
         Format("GIF", (".gif",), rb"GIF8[79]a", "Gif"),
         Format("BMP", (".bmp",), rb"BM", "Bmp"),
-        Format(
-            "JPEG 2000", (".jp2", ".j2k", ".jpx"), rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", "Jpeg2K"
-        ),
+        Format("JPEG 2000", (".jp2", ".j2k", ".jpx"), rb"\0{3}\x0cjP  |\xff\x4f\xff\x51", "Jpeg2K"),
         Format("PSD", (".psd",), rb"8BPS", "Psd"),
         Format("ICO", (".ico",), rb"\0\0\x01\0", "Ico"),
     )

@@ -23,9 +23,9 @@ from PIL import Image, ImageCms
 from PIL.ExifTags import Base
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from gauss2svg.photo.pixels import Header, unit
+from gauss2svg.photo.pixels import unit
 
-SWAPPED = (5, 6, 7, 8)  # the EXIF orientations that exchange width and height
+TURNED = (5, 6, 7, 8)  # the EXIF orientations that exchange width and height
 TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
 
 logging.getLogger("pyvips").setLevel(logging.CRITICAL)  # warnings that errors do not repeat
@@ -67,14 +67,9 @@ class StoredImage:
     notes: list[str] = field(default_factory=list)
 
     @property
-    def header(self) -> Header:
-        """The header: the size, whether there is alpha, and the memory that decoding takes."""
-        return Header(self.width, self.height, self.alpha is not None, self.reduced_bytes)
-
-    @property
     def upright_size(self) -> tuple[int, int]:
         """Width and height in px of the upright photo."""
-        is_swapped = self.orientation in SWAPPED
+        is_swapped = self.orientation in TURNED
         return (self.height, self.width) if is_swapped else (self.width, self.height)
 
     def note_frames(self, count: int, noun: str = "frames") -> None:
@@ -83,11 +78,18 @@ class StoredImage:
             self.notes.append(f"first of {count} {noun}")
 
 
-def opened_by_libvips(file: bytes, loader: str) -> StoredImage:
+def of_file(file: bytes, loader: str) -> StoredImage:
+    """Read the header of a file by the loader of its Format."""
+    if not loader:
+        return _opened_by_libheif(file)
+    return (_opened_by_libvips if loader.endswith("load") else _opened_by_pillow)(file, loader)
+
+
+def _opened_by_libvips(file: bytes, loader: str) -> StoredImage:
     """Read the header of a file by a loader of libvips."""
     tags = _tiff_tags(file) if loader == "tiffload" else {}
     if tags.get(Base.PhotometricInterpretation) == 8:  # CIELAB, which this loader cannot decode
-        return opened_by_pillow(file, "Tiff")
+        return _opened_by_pillow(file, "Tiff")
     if tags.get(Base.NewSubfileType) == 1 or Base.DNGVersion in tags:
         raise ValueError("it is a camera's raw file, or begins with a preview")
     # If a tile is broken, libtiff only warns. Warnings about other TIFFs are about harmless tags.
@@ -176,7 +178,7 @@ def _tiff_tags(file: bytes) -> dict[int, Any]:
         return {}
 
 
-def opened_by_libheif(file: bytes, _loader: str) -> StoredImage:
+def _opened_by_libheif(file: bytes) -> StoredImage:
     """Read the header of the primary image of a HEIC file, by libheif in the package pi-heif.
 
     libheif itself rotates and crops the image as the file says, so the image is upright.
@@ -207,7 +209,7 @@ def opened_by_libheif(file: bytes, _loader: str) -> StoredImage:
     return stored
 
 
-def opened_by_pillow(file: bytes, loader: str) -> StoredImage:
+def _opened_by_pillow(file: bytes, loader: str) -> StoredImage:
     """Read the header of a file by one of Pillow's plugins.
 
     The plugin is called directly, so the size limit of Image.open does not apply.

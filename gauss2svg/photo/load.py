@@ -18,17 +18,7 @@ from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import reading
 from gauss2svg.options import Field, check_color, file_name
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, FORMATS, MOST_PIXELS, PREFIX_BYTES, format_of
-from gauss2svg.photo.decoders import (
-    SWAPPED,
-    TYPES,
-    StoredImage,
-    in_srgb,
-    of_image,
-    opened_by_libheif,
-    opened_by_libvips,
-    opened_by_pillow,
-    samples,
-)
+from gauss2svg.photo.decoders import TURNED, TYPES, StoredImage, in_srgb, of_file, of_image, samples
 from gauss2svg.photo.pixels import (
     FOCUS_STRENGTH,
     Focus,
@@ -39,7 +29,6 @@ from gauss2svg.photo.pixels import (
     has_alpha,
     over,
     reduced_size,
-    shrunk,
     unit,
 )
 
@@ -77,10 +66,8 @@ def opened(file: bytes, name: str, max_pixels: int) -> StoredImage:
         needed = f"a supported image ({', '.join(FORMATS)})"
         is_lost = kind in ("an empty file", "a web page")  # nothing in it can be converted
         raise refusal(name, needed, kind, "another copy of it" if is_lost else "converting it")
-    is_vips = kind.loader.endswith("load")
-    open_file = opened_by_libvips if is_vips else opened_by_pillow
     with _refusing(name):
-        stored = (open_file if kind.loader else opened_by_libheif)(file, kind.loader)
+        stored = of_file(file, kind.loader)
     check_size((stored.width, stored.height), name, max_pixels)
     return stored
 
@@ -105,7 +92,7 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
     orientation = stored.orientation
     turned = [] if orientation == 1 else ["EXIF orientation applied"]
     dpi = stored.dpi if stored.dpi and min(stored.dpi) > 0 else None
-    if dpi and orientation in SWAPPED:
+    if dpi and orientation in TURNED:
         dpi = dpi[1], dpi[0]
     color = upright(color, orientation)
     color = np.ascontiguousarray(color if color.shape[2] == 3 else color.repeat(3, axis=2))
@@ -154,7 +141,7 @@ def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
 
 def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
     """Return an image (h, w, ...) turned upright by its orientation (EXIF 2.32, 4.6.4, tag 274)."""
-    if orientation in SWAPPED:
+    if orientation in TURNED:
         array = array.swapaxes(0, 1)
     # For these orientations, the first row is the bottom of the upright image.
     if orientation in (3, 4, 7, 8):
@@ -255,18 +242,10 @@ def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> H
     Raise InputError as `load_image` does. If the source is an open file that will also be loaded,
     pass it through `rereadable` first.
     """
-    return None if _is_array(source) else _stored(source, max_pixels)[0].header
-
-
-def reduced(photo: Photo, size: Size) -> Photo:
-    """Return a photo reduced by `shrunk` to a size (width, height) in px.
-
-    `size` must not be larger than the photo.
-    """
-    if size == (photo.width, photo.height):
-        return photo
-    pixels = shrunk(photo.pixels, size[1], size[0], sharp=True)
-    return dataclasses.replace(photo, pixels=pixels)
+    if _is_array(source):
+        return None
+    stored, _ = _stored(source, max_pixels)
+    return Header(stored.width, stored.height, stored.alpha is not None, stored.reduced_bytes)
 
 
 def rereadable(source: ImageSource) -> ImageSource:

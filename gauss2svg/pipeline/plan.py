@@ -205,12 +205,10 @@ class Plan:
         options = self.options.changed(inks=",".join(colors), paper=None, overprint=None)
         return dataclasses.replace(self, printed=printed, options=options)
 
-    def for_picture(
-        self, pixels: NDArray[np.float32], whole: NDArray[np.float32] | None = None
-    ) -> Plan:
+    def for_picture(self, pixels: NDArray[np.float32], whole: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
 
-        whole  photo that is not reduced, in which thin lines look drawn. None: it is `pixels`
+        whole  photo that is not reduced, in which thin lines look drawn. It may be `pixels`
         If the options give a number of inks, the inks are chosen. Nothing else is decided for a
         sketch.
         """
@@ -223,7 +221,7 @@ class Plan:
             plan = dataclasses.replace(self, options=options)
             return (plan.on_paper() if options.fit.paper else plan).for_picture(pixels, whole)
         may = options.svg.areas == AUTO and self.may_be_exact
-        pictures = (pixels,) if whole is None else (pixels, whole)
+        pictures = (pixels,) if whole is pixels else (pixels, whole)
         has_areas = self.has_areas or (may and any(map(may_have_areas, pictures)))
         return dataclasses.replace(self, faintness=faintness_of(pixels), has_areas=has_areas)
 

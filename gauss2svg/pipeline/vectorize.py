@@ -21,7 +21,7 @@ from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
 from gauss2svg.fit import FitOptions, FitResult
 from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
-from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
+from gauss2svg.photo.load import ImageSource, load_focus, rereadable
 from gauss2svg.photo.pixels import Header, Photo, Size, averaged, has_alpha, shrunk
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, best_of
@@ -248,8 +248,8 @@ def vectorize_by(
     photo, load = _read(plan, run, image, may_reduce)
     strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
     mask = None if focus is None else load_focus(focus, strength, photo, max_pixels)
-    measured = reduced(photo, load.measured)
-    pixels = working = measured.pixels
+    pixels = working = shrunk(photo.pixels, *load.measured[::-1], sharp=True)
+    measured = dataclasses.replace(photo, pixels=pixels)
     if load.fit != load.measured:
         working = shrunk(photo.pixels, *load.fit[::-1], sharp=True)
     sketch = evened(pixels, working, options.fit.inks) if plan.may_even_paper else None
@@ -259,12 +259,11 @@ def vectorize_by(
     is_drawn = plan.may_be_exact and not plan.sketch
     sprite = _sprite(plan, run, image, photo) if is_drawn else None
     is_whole = _is_whole(run, load)
-    whole = photo.pixels if is_whole and photo is not measured else None
+    whole = photo.pixels if is_whole else pixels
     plan = plan.for_picture(pixels, whole)
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
-        if is_whole and not was_doubled(pixels if whole is None else whole):
-            measured, pixels = photo, pixels if whole is None else whole
-            working = pixels
+        if is_whole and not was_doubled(whole):
+            measured, pixels, working = photo, whole, whole
         else:
             # Outlines would follow the rings of the filter that keeps photos sharp.
             working = averaged(photo.pixels, *load.fit[::-1])
