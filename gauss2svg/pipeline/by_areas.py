@@ -64,11 +64,7 @@ _ANEW = (
 
 
 class _StoppedError(Exception):
-    """The run has to end, so the search for areas ends too."""
-
-
-class _StripsError(Exception):
-    """Areas would only imitate the shading of a picture, or a photo, by strips."""
+    """The search for areas ends: the run has to end, or areas would only be strips of shading."""
 
 
 class ByAreas:
@@ -259,7 +255,7 @@ class ByAreas:
         # Refined areas have .4 of the error, and take 4 bytes for each px of their edges.
         self._has_strips = self._trials.shapes_win(4.0 * edges, 0.4 * error)
         if self._has_strips:
-            raise _StripsError
+            raise _StoppedError
 
     def _rastered(self, trial: Trial) -> Trial:
         """Return a trial whose areas are fitted to what resvg draws.
@@ -425,6 +421,7 @@ class ByAreas:
                 now = FitProgress(1, 0, done, 0, psnr, seconds, left_s, lambda: scene, counts)
             run.notify("areas", now)
             if ends:
+                self._is_lost |= newest is None
                 raise _StoppedError
 
         self._tries += 1
@@ -432,8 +429,6 @@ class ByAreas:
             newest = search(progress)
             run.notify("write")
         except _StoppedError:
-            self._is_lost |= newest is None
-        except _StripsError:
             pass
         except NoDrawingError:
             self._is_lost = True

@@ -23,6 +23,8 @@ from gauss2svg.measure import decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, rereadable
 from gauss2svg.photo.pixels import Header, Photo, Size, averaged, has_alpha, shrunk
+from gauss2svg.pipeline.by_bytes import ByBytes
+from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, best_of
 from gauss2svg.pipeline.paper import evened
@@ -423,12 +425,10 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, fit: Size) -> Iterator[Out
     if (outcome := _exact(plan, subject, run)) is not None:
         yield outcome
     for one in plan.searches():
-        # Few runs need several of these classes, so each is imported only when it is needed.
         if one.in_areas:
-            from gauss2svg.pipeline.by_areas import ByAreas as OneSearch
-        elif one.by_bytes:
-            from gauss2svg.pipeline.by_bytes import ByBytes as OneSearch
+            from gauss2svg.pipeline.by_areas import ByAreas  # loads the kernels of areas
+
+            yield ByAreas(one, subject, run).run()
         else:
-            from gauss2svg.pipeline.by_count import ByCount as OneSearch
-        image = subject if one.in_areas else subject.reduced(math.prod(fit))
-        yield OneSearch(one, image, run).run()
+            search = ByBytes if one.by_bytes else ByCount
+            yield search(one, subject.reduced(math.prod(fit)), run).run()
