@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from gauss2svg.errors import nearest, quoted, refusal
 from gauss2svg.fit import schedule
@@ -33,29 +33,23 @@ GAUSSIAN, ADAPTIVE, CRISP = "gaussian", "adaptive", "crisp"
 MOST_GAUSSIANS = 10_000_000
 
 
-class LossFunction(Protocol):
-    """A loss of one's own: a function of a render and the target, (h, w, 3) float32 in 0..1.
-
-    It returns the loss, which is at least 0 and 0 for equal pictures, and the derivative of the
-    loss with respect to each value of the render. These may be arrays or tensors. A fit calls it
-    at each step, also with smaller pictures, and over white and over black if the photo has alpha.
-    """
-
-    def __call__(self, render: Any, target: Any, /) -> tuple[Any, Any]:
-        """Return the loss and its derivatives."""
-        ...
+# A loss of one's own: a function of a render and the target, (h, w, 3) float32 in 0..1. It returns
+# the loss, which is at least 0 and 0 for equal pictures, and the derivative of the loss with
+# respect to each value of the render. These may be arrays or tensors. A fit calls it at each step,
+# also with smaller pictures, and over white and over black if the photo has alpha.
+LossFunction = Callable[[Any, Any], tuple[Any, Any]]
 
 
-def check_loss(name: str, value: Any) -> LossFunction:
+def check_loss(name: str, value: Any) -> Any:
     """Return a function. Raise InputError for a value that cannot be called."""
     if callable(value):
-        return cast(LossFunction, value)
+        return value
     words = get_args(LossName)
     close = nearest(value, words) if isinstance(value, str) else ""
     raise refusal(name, f"one of {', '.join(words)} or a function", quoted(value), close)
 
 
-def has_ssim(loss: LossName | LossFunction) -> bool:
+def has_ssim(loss: str | LossFunction) -> bool:
     """Return whether a loss has an SSIM term."""
     return isinstance(loss, str) and loss.endswith("+ssim")
 
@@ -127,11 +121,6 @@ class FitOptions(OptionGroup):
         The default is PSNR in a fit to inks (docs/decisions/inks.md), and PERCEPTUAL in other fits.
         """
         return self.tune or (PERCEPTUAL if self.inks is None else PSNR)
-
-    @property
-    def learned_falloff(self) -> bool:
-        """Whether each shape learns the exponent of its falloff."""
-        return self.shaped == ADAPTIVE
 
     @property
     def shaped(self) -> str:
@@ -219,8 +208,6 @@ class FitResult:
                  steps. The forward and the backward pass over a pair count as one evaluation
     stop_reason  what ended growth or the whole fit, a word of docs/reference/report.md
     rollbacks    number of times that the fit diverged and was rolled back to its best state
-    rate         factor by which all learning rates were multiplied at the end of the fit. It does
-                 not include their scheduled decay
     """
 
     scene: Scene
@@ -231,7 +218,6 @@ class FitResult:
     pixel_pairs: int
     stop_reason: str
     rollbacks: int = 0
-    rate: float = 1.0
 
     def after(self, stop_reason: str, *others: FitResult) -> FitResult:
         """Return this result with another stop_reason, and with the costs of other fits added."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.core import Floats, Reals
-from gauss2svg.fit import DEFAULT_LOSS, FitConfig
+from gauss2svg.fit import ADAPTIVE, DEFAULT_LOSS, FitConfig
 from gauss2svg.fit.colors import InkColors, best_colors
 from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
 from gauss2svg.fit.schedule import ROUNDS, doubled, reduction, refinement_reduction
@@ -55,7 +55,7 @@ class Population:
         # Without a rate, the opacity keeps its first value.
         has_rate = columns[COLUMNS["opacity"], 0].all()
         self._first_raw_opacity = INITIAL_OPACITY_LOGIT if has_rate else OPAQUE_LOGIT
-        self._first_raw_beta = FIRST_RAW_BETA if config.fit.learned_falloff else 0.0
+        self._first_raw_beta = FIRST_RAW_BETA if config.fit.shaped == ADAPTIVE else 0.0
         self.state = State.of(np.zeros((0, 2)), np.zeros((0, 3)), 0)
         self.shared: NDArray[np.intp] | None = None
         self.round_index = 0
@@ -144,8 +144,7 @@ class Population:
         # the loss by 0.06 of a Gaussian's share of it (docs/decisions/fit.md).
         price = 0.06 * (evaluated.loss / max(len(self), 1))
         most_sigma = float(max(self.target.width, self.target.height))
-        shares = self.shared is not None
-        columns = columns_of(self.config.fit, self.config.opaque, shares)
+        columns = columns_of(self.config.fit, self.config.opaque, self.shared is not None)
         moments = evaluated.moments
         if self.shared is not None:
             color = moments[:, COLUMNS["color"]]
@@ -231,7 +230,7 @@ class Population:
         self.round_index = int(scene.round_index.max(initial=0))
         size = small.width, small.height
         state = State.of_scene(scene.scaled(size[0] / scene.width, size[1] / scene.height))
-        if not self.config.fit.learned_falloff:
+        if self.config.fit.shaped != ADAPTIVE:
             state.raw_beta[:], state.drawn[:] = 0.0, SOFT
         pictures = small.rendered(state.splats(self.background)), small.planar
         # optical_flow_ilk needs at least two rows and two columns. So the last row and the last
@@ -338,7 +337,7 @@ class Population:
         If the fit learns exponents, all exponents may then change again, and files may draw all
         shapes with soft edges again.
         """
-        if self.config.fit.learned_falloff:
+        if self.config.fit.shaped == ADAPTIVE:
             self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
             self.state.drawn[:] = SOFT
 

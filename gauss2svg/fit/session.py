@@ -179,10 +179,6 @@ class FitSession:
         self.population.adopt(scene)
         self.population.densify_or_prune(max(count, self.count))
 
-    def prune_to(self, count: int) -> None:
-        """Remove the least useful Gaussians until at most `count` are left."""
-        self.population.densify_or_prune(min(count, self.count))
-
     def scene(self) -> Scene:
         """Return the Gaussians on the working canvas."""
         return self.population.scene()
@@ -195,7 +191,7 @@ class FitSession:
             rounds=self.population.round_index + 1 if self.count else 0,
             wall_s=self.wall_s, cpu_s=self.cpu_s, pixel_pairs=self.pixel_pairs,
             stop_reason="interrupted" if self.clock.stopped() else reason,
-            rollbacks=self.guard.rollbacks, rate=self.config.fit.learning_rate * self.guard.rate,
+            rollbacks=self.guard.rollbacks,
         )  # fmt: skip
 
     def _grow(self) -> None:
@@ -291,12 +287,13 @@ class FitSession:
         those beyond an estimate, and then those beyond the bytes that the quantised ones take.
         After quantising, exponents no longer change, and shapes share the colours of the file.
         """
+        population = self.population
         with self._changing(tolerant=False):
-            self.prune_to(self.policy.max_count(self, False))
+            population.densify_or_prune(min(self.policy.max_count(self, False), self.count))
             if self._as_written is not None and self.count:
                 with self.clock.paused():
-                    self.population.quantize(self._as_written, self.population.psnr())
-                    self.prune_to(self.policy.max_count(self, True))
+                    population.quantize(self._as_written, population.psnr())
+                    population.densify_or_prune(min(self.policy.max_count(self, True), self.count))
             self._quantized = True
 
     def _restore_best(self, tolerant: bool = False) -> None:

@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.core import Floats, Kernel
-from gauss2svg.fit import FitOptions
+from gauss2svg.fit import ADAPTIVE, FitOptions
 from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.falloff import RIM_WIDTH
@@ -239,7 +239,7 @@ def columns_of(options: FitOptions, opaque: bool = False, shares: bool = False) 
         columns[COLOR, 0] = 0.0 if is_inked else 0.006
     if opaque or is_inked or options.blend == ADD:
         columns[COLUMNS["opacity"], 0] = 0.0
-    if shares or not options.learned_falloff:
+    if shares or options.shaped != ADAPTIVE:
         columns[COLUMNS["beta"], 0] = 0.0
     return columns
 

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.fit import FitConfig, FitProgress, FitResult
+from gauss2svg.fit import ADAPTIVE, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.fit.session import FitSession
 from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, psnr_of, shrunk, views
@@ -87,7 +87,7 @@ class ByBytes:
     def _set_up(self) -> None:
         """Reduce the working picture. Decide which fits, exponents, grids and digits to try."""
         photo, canvas, options = self.subject.photo, self.subject.canvas, self._plan.options
-        learned = options.fit.learned_falloff
+        learned = options.fit.shaped == ADAPTIVE
         # The edges of a flat picture are crisp. So it is fitted at 640 px, in more steps, with
         # plain ellipses alone, and written in finer units (docs/decisions/small.md).
         self._is_flat = learned and flat_share(photo) >= 0.4
@@ -95,7 +95,9 @@ class ByBytes:
         soft = (1.0, 3.0) if self._limit >= 2200 else (3.0,)
         soft = () if self._is_flat else soft if learned else (1.0,)
         plain = () if learned and self._limit < 900 else soft
-        count = self._shape_bytes / self._expected(soft)
+        # Bytes that a soft shape and a plain ellipse usually take
+        self._bytes_each = (22, 20) if self._plan.counts_gzipped else SHAPE_BYTES
+        count = self._shape_bytes / self._bytes_each[not soft]
         few = count <= 60
         # Each fit has a way in which shapes are placed, a factor on the learning rate, and
         # exponents. The best of several short fits is better than a long one.
@@ -143,20 +145,14 @@ class ByBytes:
         self._is_late |= bool(self.fits) and self._run.budget.must_export
         return self._run.stop() or self._is_late
 
-    def _expected(self, exponents: Exponents) -> float:
-        """Return the bytes that a shape usually takes, without regard to files of this search."""
-        gzipped = self._plan.counts_gzipped
-        soft, plain = (22, 20) if gzipped else SHAPE_BYTES
-        return soft if exponents else plain
-
     def _count(self, exponents: Exponents) -> int:
         """Return the number of shapes to fit so that their file fills the limit.
 
         Too many shapes do less harm than too few, because the file loses little if the least useful
         ones are left out. Usually those are 3 % of them.
         """
-        count = 1.03 * self._shape_bytes / self._expected(exponents) - DEFINITION * len(exponents)
-        return int(min(max(count, 1), self._most))
+        count = 1.03 * self._shape_bytes / self._bytes_each[not exponents]
+        return int(min(max(count - DEFINITION * len(exponents), 1), self._most))
 
     def _fit(self, count: int, init: str, exponents: Exponents, rate: float) -> Scene:
         """Fit `count` shapes. Return the scene, scaled to the canvas.
@@ -194,26 +190,23 @@ class ByBytes:
         A file that is too large loses its least useful Gaussians. If a file loses none, coarser
         ones are not tried.
         """
-        order = self._exporter.by_usefulness(fitted)
-        best = self.flat
+        order, files = self._exporter.by_usefulness(fitted), list[Export]()
 
         def write_in(unit: float, digits: int, count: int) -> Export:
             scene = as_written(fitted.select(np.sort(order[:count])), unit, digits)
             return self._file(scene, unit, digits)
 
         for grid, digits in itertools.product(self._grids, HEX_DIGITS[::-1]):
-            if best is not self.flat and self._stop():
+            if files and self._stop():
                 break
             unit = unit_of(grid, len(fitted), self.subject.canvas)
             write = partial(write_in, unit, digits)
             whole = write(len(fitted))
             file = filled(write, (0, self.flat.size), (len(fitted), whole), self._limit)
-            is_best = best is self.flat or file.score > best.score
-            if is_best and file.size <= self._limit:
-                best = file
+            files += [file] if file.size <= self._limit else []
             if file is whole:
                 break
-        return best
+        return max(files, key=attrgetter("score"), default=self.flat)
 
     def _file(self, scene: Scene, unit: float, digits: int) -> Export:
         """Return the file of a scene in the colours that are closest to the working picture."""

@@ -30,7 +30,7 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate):
     assert all(finite for _, finite in seen)
     result = session.result()
     assert result.rollbacks > 0
-    assert result.rate < rate
+    assert session.guard.rate < 1
     assert psnr_of(result.scene, photo) > max(psnr for psnr, _ in seen) - 0.05
     usual = fit(photo, fit_config(150, 80, blend=blend))
     assert usual.rollbacks == 0
