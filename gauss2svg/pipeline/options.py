@@ -93,11 +93,6 @@ class Goal(OptionGroup):
         """Whether the number of Gaussians depends on the image, on a target or on a limit."""
         return self.count is None or self.is_limited or self.target is not None
 
-    @property
-    def is_budget(self) -> bool:
-        """Whether a limit is given without a preset, a number of Gaussians or a target."""
-        return self.is_limited and self.quality is self.gaussians is self.target is None
-
 
 @dataclass(frozen=True, kw_only=True)
 class SvgOptions(OptionGroup):

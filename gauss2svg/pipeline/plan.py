@@ -272,10 +272,13 @@ class Plan:
     def is_budget(self) -> bool:
         """Whether the goal is the best picture within a limit of bytes or seconds.
 
-        It is False for a portable file, because the additive fit that comes first decides the
-        number of Gaussians.
+        It is if a limit is given without a preset, a number of Gaussians or a target. It is False
+        for a portable file, because the additive fit that comes first decides the number of
+        Gaussians.
         """
-        return self.goal.is_budget and not self.options.svg.portable
+        goal, svg = self.goal, self.options.svg
+        is_alone = goal.quality is goal.gaussians is goal.target is None
+        return goal.is_limited and is_alone and not svg.portable
 
     @property
     def uncompressed_limit(self) -> float:
