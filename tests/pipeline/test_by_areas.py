@@ -407,7 +407,7 @@ def test_a_glossy_picture_is_drawn_by_shapes_that_are_closer():
 )
 def test_without_a_limit_twice_the_bytes_must_be_closer_by_more_than_a_hair(limit, larger_is_best):
     plan: Any = SimpleNamespace(
-        aim=None, goal=SimpleNamespace(byte_limit=limit, is_limited=limit is not None)
+        aim=None, goal=SimpleNamespace(byte_limit=limit or np.inf, is_limited=limit is not None)
     )
     run: Any = SimpleNamespace(ended=False)
     fitted = FitResult(Scene(8, 8), 0, 0, 0.0, 0.0, 0, "gain")
