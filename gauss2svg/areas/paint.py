@@ -286,7 +286,7 @@ def _split_off_ramps(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
 def _is_drawn(pixels: Floats, ys: Ints, xs: Ints, paint: Paint) -> bool:
     """Return whether a paint draws nearly all of these pixels (n,)."""
     off = np.abs(pixels[ys, xs] - paint.at(xs, ys)).max(axis=1)
-    return np.count_nonzero(off > 4 * LEVEL) <= 0.05 * len(ys)
+    return bool(np.count_nonzero(off > 4 * LEVEL) <= 0.05 * len(ys))
 
 
 def _join_parts_of_gradients(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
