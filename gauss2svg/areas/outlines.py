@@ -138,8 +138,8 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
     A mask that touches the border of the picture is continued beyond it, so that its contour
     leaves the picture. It is not where it seems to end in the last row or column of pixels.
     """
-    # Masks of less than 12 px^2 may be slivers beside other areas.
-    is_thin = (total := share.sum()) >= 12 and (
+    # Masks of less than 10 px^2 may be slivers beside other areas.
+    is_thin = (total := share.sum()) >= 10 and (
         np.count_nonzero(ndimage.minimum_filter(share, 3) > 0.98) < 0.3 * total
     )
     reach = 3 if is_thin else 1  # fields are uneven at their borders
