@@ -6,8 +6,7 @@ that the Gaussians are drawn over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -34,26 +33,19 @@ def torch_loss(
         render: NDArray[np.float32], target: NDArray[np.float32]
     ) -> tuple[float, torch.Tensor]:
         image = torch.from_numpy(render).requires_grad_()
-        with _one_thread():
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
             value = function(image, torch.from_numpy(target))
             if not isinstance(value, torch.Tensor) or value.numel() != 1 or not value.requires_grad:
                 needed, advice = "a scalar that depends on the render", ".mean(), without .detach()"
                 raise refusal("loss", needed, quoted(value), advice)
             return value.item(), torch.autograd.grad(value, image)[0]
+        finally:
+            torch.set_num_threads(threads)
 
     loss.__name__ = getattr(function, "__name__", "loss")
     return loss
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let torch use one thread, and restore its number of threads afterwards."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 class _FastRender(torch.autograd.Function):
