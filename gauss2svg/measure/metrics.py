@@ -18,8 +18,7 @@ from gauss2svg.errors import refusal
 from gauss2svg.photo.pixels import BACKDROPS, has_alpha, linear_light, over, psnr_of
 from gauss2svg.without_scipy import mirrored, smoothed
 
-_WINDOW = 11  # px, side of SSIM's Gaussian window
-LEAST_SIDE_FOR_SSIM = _WINDOW
+LEAST_SIDE_FOR_SSIM = 11  # px, side of SSIM's Gaussian window
 _BAND = 256  # number of rows of windows for which SSIM is computed at a time
 
 
@@ -37,23 +36,6 @@ def _differences(
         yield np.subtract(row, other_row, dtype=np.float64).ravel()
 
 
-def mean_squared_error(
-    image: NDArray[np.floating],
-    other: NDArray[np.floating],
-    weight: NDArray[np.floating] | None = None,
-) -> float:
-    """Return the mean squared difference over pixels and channels, summed in float64.
-
-    weight  (h, w) weight of each pixel. None: all weights are 1. If the images are stacks of views,
-            each view has these weights
-    """
-    if weight is not None:
-        squares = np.square(np.subtract(image, other, dtype=np.float64)).mean(axis=2)
-        return float(np.average(squares, weights=np.resize(weight, squares.shape)))
-    rows = _differences(image, other)
-    return math.fsum(float(np.square(row).sum()) for row in rows) / image.size
-
-
 def psnr(
     image: NDArray[np.floating],
     other: NDArray[np.floating],
@@ -61,9 +43,16 @@ def psnr(
 ) -> float:
     """Return the peak signal-to-noise ratio in dB: -10 log10(mean squared error).
 
-    It is infinite for equal images. weight is as in `mean_squared_error`.
+    The mean is over pixels and channels. The ratio is infinite for equal images.
+
+    weight  (h, w) weight of each pixel. None: all weights are 1. If the images are stacks of views,
+            each view has these weights
     """
-    return psnr_of(mean_squared_error(image, other, weight))
+    if weight is not None:
+        squares = np.square(np.subtract(image, other, dtype=np.float64)).mean(axis=2)
+        return psnr_of(float(np.average(squares, weights=np.resize(weight, squares.shape))))
+    squares = (float(np.square(row).sum()) for row in _differences(image, other))
+    return psnr_of(math.fsum(squares) / image.size)
 
 
 def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
@@ -89,7 +78,7 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
 
 def _similarity(plane: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the mean SSIM of two planes (h, w) over Gaussian windows, as scikit-image has it."""
-    rim = _WINDOW // 2
+    rim = LEAST_SIDE_FOR_SSIM // 2
     rows, total = plane.shape[0] - 2 * rim, 0.0
     assert rows > 0
     # SSIM is computed in bands to save memory. Whole planes of float32 would take 60 bytes a pixel.

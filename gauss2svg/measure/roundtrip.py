@@ -39,9 +39,8 @@ def round_trip(
     # Rounding in float32 may move values slightly out of 0..1, so they are clipped.
     model = render(scene, width, height)
     np.clip(model, 0, 1, out=model)
-    model_black, model_alpha = None, None
-    if has_alpha(photo):
-        model_black, model_alpha = _psnr_with_alpha(render_rgba(scene, width, height), photo)
+    drawn = render_rgba(scene, width, height) if has_alpha(photo) else model
+    model_black, model_alpha = _psnr_with_alpha(drawn, photo)
     return {
         "psnr_model": metrics.psnr(model, over(photo)),
         **measure_pixels(raster, photo),
