@@ -1,14 +1,14 @@
 """Rasterise SVGs with a renderer, and refuse files that the renderer is known to draw wrongly.
 
-A renderer called NAME consists of two functions in a module of this package. The module is imported
-when the renderer is first used.
+A renderer called NAME is a function in a module of this package. The module is imported when the
+renderer is first used.
 
     NAME(svg, width, height)  returns the raster (height, width, 4), float32 in 0..1, with straight
                               alpha. If the renderer is a browser, the function also takes the
                               colour of the page, which is white by default
-    NAME_version()            returns the name and version of the renderer
 
-Both functions raise RendererError if the renderer is not installed.
+It raises RendererError if the renderer is not installed. `version` of the module `renderers` tells
+the name and version of each.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 import io
 import re
 from pkgutil import resolve_name
-from typing import Any, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +101,7 @@ AT_REST = "a copy without the animation, which shows the picture at rest"
 
 def renderer_version(name: str) -> str:
     """Return the name and version of a renderer. Raise RendererError if it is not installed."""
-    return _renderer_function(name, "_version")()
+    return resolve_name("gauss2svg.raster.renderers:version")(_checked(name))
 
 
 def rasterize(
@@ -150,7 +150,8 @@ def rasterize_sized(
     Raise RendererError if the renderer returns a raster of another size.
     """
     page = [CLEAR] if alpha and renderer in BROWSERS else []  # others have no page
-    pixels = _renderer_function(renderer)(svg, width, height, *page)
+    module = "chromium" if _checked(renderer) == "chromium" else "renderers"
+    pixels = resolve_name(f"gauss2svg.raster.{module}:{renderer}")(svg, width, height, *page)
     if pixels.shape[:2] != (height, width):
         got = f"{pixels.shape[1]}x{pixels.shape[0]} px"
         raise RendererError(
@@ -186,11 +187,9 @@ def from_png(png: bytes) -> NDArray[np.float32]:
     return pixels
 
 
-def _renderer_function(renderer: str, suffix: str = "") -> Any:
-    """Return the function of a renderer: NAME, or NAME_version if the suffix is "_version"."""
-    name = Field("renderer", words=RENDERERS).checked(renderer)
-    module = "chromium" if name == "chromium" else "renderers"
-    return resolve_name(f"gauss2svg.raster.{module}:{name}{suffix}")
+def _checked(renderer: str) -> str:
+    """Return the name of a renderer. Raise InputError for any other text."""
+    return Field("renderer", words=RENDERERS).checked(renderer)
 
 
 # Rules of media that a still picture on a white page does not meet.

@@ -10,7 +10,6 @@ least 5 dB worse than this mean (docs/decisions/renderers.md).
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -31,17 +30,6 @@ _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
 _SITE = "http://gauss2svg.invalid/"
 
 
-def chromium_version() -> str:
-    """Return the name and version of Chromium, without starting a browser."""
-    _playwright_api()
-    path = renderers.find("chromium")
-    if sys.platform == "win32":  # --version would open a window there
-        return "Chromium of unknown version"
-    # The program prints a line such as "Google Chrome 140.0.1" or "Chromium 156.0.8078.79 built on
-    # Debian GNU/Linux".
-    return renderers.version_line(path).split(" built on ")[0]
-
-
 def chromium(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
     """Return the pixels (height, width, 4) of the SVG on a page of the colour `page`.
 
@@ -50,18 +38,6 @@ def chromium(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np
     # Playwright refuses a thread that runs an event loop of asyncio, as that of a notebook does.
     with ThreadPoolExecutor(1) as pool:
         return pool.submit(_mean, svg, width, height, page).result()
-
-
-def _playwright_api() -> Any:
-    """Return Playwright's API. Raise RendererError if it is not installed."""
-    try:
-        from playwright import sync_api
-    except ImportError as error:
-        raise RendererError(
-            "renderer chromium needs Playwright and a browser. Try to install them (pip install "
-            '"gauss2svg[browser]", apt-get install chromium), or --renderer resvg'
-        ) from error
-    return sync_api
 
 
 def launch_options(flags: Sequence[str] = _FLAGS) -> dict[str, Any]:
@@ -80,7 +56,7 @@ def _mean(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
 
     The page is offline, so it can load only the two files that its routes serve.
     """
-    api, launching, is_clear = _playwright_api(), launch_options(), color == CLEAR
+    api, launching, is_clear = renderers.playwright_api(), launch_options(), color == CLEAR
     total = np.zeros((height, width, 4), np.float32)
     try:
         with api.sync_playwright() as playwright:

@@ -7,12 +7,14 @@ draws an SVG as an editor shows it. Firefox has an option to take a screenshot w
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import resvg_py
@@ -71,8 +73,25 @@ def find(renderer: str) -> str:
     )
 
 
+def version(renderer: str) -> str:
+    """Return the name and version of a renderer. Raise RendererError if it is not installed."""
+    if renderer == "resvg":
+        return f"resvg {resvg_py.__resvg_version__}"
+    if renderer == "cairo":
+        return f"CairoSVG {cairosvg_module().__version__}"
+    if renderer == "chromium":
+        playwright_api()
+    path = find(renderer)
+    if renderer == "chromium" and sys.platform == "win32":  # --version would open a window there
+        return "Chromium of unknown version"
+    # Programs print a line such as "Mozilla Firefox 153.0", "Inkscape 1.2.2 (b0a8486541)" or
+    # "Chromium 156.0.8078.79 built on Debian GNU/Linux".
+    line = _version_line(path).removeprefix("Mozilla ").replace("rsvg-convert version", "librsvg")
+    return re.split(r" \(| built on ", line)[0]
+
+
 @cache
-def version_line(path: str) -> str:
+def _version_line(path: str) -> str:
     """Return the first line that a program prints when it is called with --version."""
     printed = run([path, "--version"], 30, "say its version").decode(errors="replace").strip()
     return printed.partition("\n")[0].strip()
@@ -144,11 +163,6 @@ def html(page: str) -> str:
 resvg_prints = False
 
 
-def resvg_version() -> str:
-    """Return the name and version of resvg."""
-    return f"resvg {resvg_py.__resvg_version__}"
-
-
 def resvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Return the pixels (height, width, 4) of the SVG as resvg draws it."""
     try:
@@ -166,21 +180,17 @@ def resvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
     return from_png(png)
 
 
-def cairo_version() -> str:
-    """Return the name and version of CairoSVG."""
-    return f"CairoSVG {_cairosvg().__version__}"
-
-
 def cairo(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Return the pixels (height, width, 4) of the SVG as CairoSVG draws it."""
-    cairosvg, size = _cairosvg(), {"output_width": width, "output_height": height}
+    cairosvg, size = cairosvg_module(), {"output_width": width, "output_height": height}
     try:
         return from_png(cairosvg.svg2png(svg.encode(), unsafe=False, **size) or b"")
     except Exception as error:  # the parser of CairoSVG may raise an exception of any class
         raise RendererError(f"CairoSVG cannot draw the SVG: {error!r}") from error
 
 
-def _cairosvg():
+def cairosvg_module() -> Any:
+    """Return the package cairosvg. Raise RendererError if its system library is not installed."""
     try:
         import cairosvg
     except OSError as error:  # raised if cairocffi has not found the shared library cairo
@@ -191,9 +201,16 @@ def _cairosvg():
     return cairosvg
 
 
-def librsvg_version() -> str:
-    """Return the name and version of librsvg."""
-    return f"librsvg {version_line(find('librsvg')).rpartition(' ')[2]}"
+def playwright_api() -> Any:
+    """Return Playwright's API. Raise RendererError if it is not installed."""
+    try:
+        from playwright import sync_api
+    except ImportError as error:
+        raise RendererError(
+            "renderer chromium needs Playwright and a browser. Try to install them (pip install "
+            '"gauss2svg[browser]", apt-get install chromium), or --renderer resvg'
+        ) from error
+    return sync_api
 
 
 def librsvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
@@ -203,11 +220,6 @@ def librsvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
     size = ["--width", str(width), "--height", str(height)]
     command = [find("librsvg"), "--unlimited", *size, "--format=png"]
     return from_png(run(command, stdin=svg.encode()))
-
-
-def inkscape_version() -> str:
-    """Return the name and version of Inkscape."""
-    return " ".join(version_line(find("inkscape")).split()[:2])
 
 
 def inkscape(svg: str, width: int, height: int) -> NDArray[np.float32]:
@@ -233,11 +245,6 @@ user_pref("network.proxy.http_port", 9);
 user_pref("network.proxy.ssl", "127.0.0.1");
 user_pref("network.proxy.ssl_port", 9);
 """
-
-
-def firefox_version() -> str:
-    """Return the name and version of Firefox."""
-    return version_line(find("firefox")).removeprefix("Mozilla ")
 
 
 def firefox(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:

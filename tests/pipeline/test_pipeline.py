@@ -71,7 +71,7 @@ def test_missing_renderer_is_reported_before_the_fit(photo, monkeypatch):
     def missing():
         raise RendererError("no cairo")
 
-    monkeypatch.setattr(renderers, "cairo_version", missing)
+    monkeypatch.setattr(renderers, "cairosvg_module", missing)
     with pytest.raises(RendererError, match="no cairo"):
         vectorize(photo, renderer="cairo", progress=lambda p: pytest.fail(p.phase), **QUICK)
 
