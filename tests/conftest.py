@@ -33,7 +33,6 @@ from gauss2svg.compare import pages, run
 from gauss2svg.errors import RendererError
 from gauss2svg.measure import NO_SCORES
 from gauss2svg.raster import RENDERERS, rasterize
-from gauss2svg.raster.isolated import Drawing
 from gauss2svg.render import cpu
 
 
@@ -175,7 +174,7 @@ def drawn_here(monkeypatch, unscored) -> None:
 
     def draw(svg, width, height, renderer, _, channels):
         pixels = rasterize(svg, width, height, renderer, alpha=channels == 4)
-        return Drawing(pixels, [])
+        return pixels, []
 
     monkeypatch.setattr("gauss2svg.measure.check.draw", draw)
 

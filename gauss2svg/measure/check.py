@@ -94,9 +94,8 @@ def check(
     pixels, size = picture.pixels, (picture.width, picture.height)
     data, text = read_source(getattr(svg, "svg", svg), int(asked.max_svg_bytes))
     surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)
-    drawing = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
-    raster = drawing.pixels
-    unknown = [*(f"<{name}>" for name in surveyed.unknown), *drawing.unread]
+    raster, unread = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
+    unknown = [*(f"<{name}>" for name in surveyed.unknown), *unread]
     report = {
         "width": size[0],
         "height": size[1],

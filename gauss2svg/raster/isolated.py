@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,22 +28,16 @@ _MESSAGE = re.compile(
 )
 
 
-class Drawing(NamedTuple):
-    """The raster of an SVG, and what resvg says that it cannot read.
-
-    pixels  (height, width, channels) float32 in 0..1
-    unread  parts of the SVG, each of them once, such as "fill value: 'oklch(.6 .2 30)'". Other
-            renderers say nothing
-    """
-
-    pixels: NDArray[np.float32]
-    unread: list[str]
+# The raster (height, width, channels) of an SVG, float32 in 0..1, and what resvg says that it
+# cannot read: parts of the SVG, each of them once, such as "fill value: 'oklch(.6 .2 30)'". Other
+# renderers say nothing.
+Drawing = tuple[NDArray[np.float32], list[str]]
 
 
 def draw(
     svg: str, width: int, height: int, renderer: str, timeout_s: float, channels: int = 3
 ) -> Drawing:
-    """Return the raster of an SVG.
+    """Return the raster of an SVG, and what resvg cannot read of it.
 
     With 3 channels the raster is over white. With 4 channels it has straight alpha. Raise
     RendererError if the renderer cannot draw the SVG, crashes, or takes more than timeout_s
@@ -72,7 +65,7 @@ def draw(
 
 
 def _drawn(svg: str, width: int, height: int, renderer: str, alpha: bool) -> Drawing:
-    """Return the raster of an SVG, in the process that is only for this SVG."""
+    """Return what `draw` returns, in the process that is only for this SVG."""
     # On Linux, the process may take 4 GiB of memory, plus 64 bytes for each pixel of the raster.
     _limit_memory((4 << 30) + 64 * width * height)
     renderers.resvg_prints = True
@@ -84,7 +77,7 @@ def _drawn(svg: str, width: int, height: int, renderer: str, alpha: bool) -> Dra
         messages.seek(0)
         printed = messages.read(100_000).decode(errors="replace")
     unread = dict.fromkeys(message[:80] for message in _MESSAGE.findall(printed))
-    return Drawing(pixels, list(unread))
+    return pixels, list(unread)
 
 
 def _limit_memory(limit: int) -> None:

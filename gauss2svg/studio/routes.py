@@ -290,8 +290,8 @@ async def png(
     if wide * high > MOST_DRAWN:
         raise refusal("the PNG", f"at most {MOST_DRAWN} px", f"{wide}x{high} px", "a lower width")
     channels = 4 if report["transparent"] else 3
-    drawing = await asyncio.to_thread(draw, svg, wide, high, "resvg", 60.0, channels)
-    data = await asyncio.to_thread(as_png, drawing.pixels)
+    pixels, _ = await asyncio.to_thread(draw, svg, wide, high, "resvg", 60.0, channels)
+    data = await asyncio.to_thread(as_png, pixels)
     headers = _attachment(job, f"-{wide}.png") if download else {}
     return Response(data, media_type="image/png", headers=headers)
 

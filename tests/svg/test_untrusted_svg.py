@@ -237,7 +237,7 @@ UNREAD = {
 
 
 def unread(bodies):
-    return draw(document("".join(bodies)), 32, 32, "resvg", 60).unread
+    return draw(document("".join(bodies)), 32, 32, "resvg", 60)[1]
 
 
 def test_what_resvg_reads_has_no_remark():

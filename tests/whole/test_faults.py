@@ -16,7 +16,6 @@ from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.pipeline.outcome import best_of
-from gauss2svg.raster.isolated import Drawing
 
 pytestmark = pytest.mark.process
 
@@ -89,7 +88,7 @@ def one_search(monkeypatch, unscored, tmp_path):
 
     monkeypatch.setattr("gauss2svg.pipeline.vectorize.best_of", once)
     pixels = np.ones((16, 16, 3), np.float32)
-    monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: Drawing(pixels, []))
+    monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: (pixels, []))
 
 
 @pytest.mark.parametrize("command", COMMANDS)
