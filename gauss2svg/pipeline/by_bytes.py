@@ -46,7 +46,7 @@ from gauss2svg.render.cpu import color_weights
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.forms import with_falloffs
-from gauss2svg.svg.minimal import HEX_DIGITS, as_written, minimal_svg, whole_unit
+from gauss2svg.svg.minimal import HEX_DIGITS, minimal_svg, rounded, whole_unit
 
 # Exponents that soft shapes may have. All other shapes are plain ellipses.
 Exponents = tuple[float, ...]
@@ -193,7 +193,7 @@ class ByBytes:
         order, files = self._exporter.by_usefulness(fitted), list[Export]()
 
         def write_in(unit: float, digits: int, count: int) -> Export:
-            scene = as_written(fitted.select(np.sort(order[:count])), unit, digits)
+            scene = rounded(fitted.select(np.sort(order[:count])), unit, digits).scene
             return self._file(scene, unit, digits)
 
         for grid, digits in itertools.product(self._grids, HEX_DIGITS[::-1]):

@@ -169,11 +169,6 @@ def minimal_svg(
     return svg if cover else signed(svg)  # the path `cover` is a mark too (file.is_own)
 
 
-def as_written(scene: Scene, unit: float, digits: int = 3) -> Scene:
-    """Return the scene that the file of minimal_svg draws. Arguments and errors are the same."""
-    return rounded(scene, unit, digits).scene
-
-
 def whole_unit(width: int, height: int, about: float = 0) -> float:
     """Return the size of a unit, in px. Both sides are whole numbers of such units.
 

@@ -15,7 +15,7 @@ from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.svg import SvgFormat, minimal
-from gauss2svg.svg.minimal import as_written, minimal_svg, whole_unit
+from gauss2svg.svg.minimal import minimal_svg, rounded, whole_unit
 from gauss2svg.svg.write import write_svg
 
 SIDE = 96
@@ -51,9 +51,9 @@ def crisp_scene(count: int, seed: int = 0, colors: int = 3) -> Scene:
 
 
 def match(scene: Scene, unit: float, digits: int = 6, renderer: str = "resvg") -> float:
-    """PSNR of the file of a scene against what as_written says that it draws."""
+    """PSNR of the file of a scene against what `rounded` says that it draws."""
     drawn = rasterize(minimal_svg(scene, unit, digits), SIDE, SIDE, renderer)
-    return psnr(drawn, render(as_written(scene, unit, digits), SIDE, SIDE))
+    return psnr(drawn, render(rounded(scene, unit, digits).scene, SIDE, SIDE))
 
 
 @pytest.mark.parametrize(
@@ -111,9 +111,9 @@ def test_a_file_drawn_by_one_side_of_its_photo_has_the_other_to_the_pixel(size):
 @pytest.mark.parametrize(("unit", "seed"), [(0.01, 1), (0.4, 2), (1.5, 3)])
 def test_arcs_draw_what_the_editable_file_draws_with_fewer_changes_of_colour(unit, seed):
     scene = crisp_scene(60, seed)
-    svg, rounded = minimal_svg(scene, unit, 6), as_written(scene, unit, 6)
+    svg, drawn = minimal_svg(scene, unit, 6), rounded(scene, unit, 6).scene
     exact = SvgFormat(precision=0.001)
-    arcs, circles = (rasterize(text, 192, 192) for text in (svg, write_svg(rounded, exact)))
+    arcs, circles = (rasterize(text, 192, 192) for text in (svg, write_svg(drawn, exact)))
     assert psnr(arcs, circles) > 43
     assert svg.count("<path") < 0.7 * np.count_nonzero(np.diff(scene.color, axis=0).any(axis=1))
     if unit == 0.01:

@@ -21,8 +21,7 @@ from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.scene.scene import PARAMETERS
 from gauss2svg.svg import STOP_COUNTS, Document, Form, SvgFormat, minimal
 from gauss2svg.svg.forms import BLURS, as_written
-from gauss2svg.svg.minimal import as_written as minimal_as_written
-from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.minimal import minimal_svg, rounded
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
@@ -93,7 +92,7 @@ def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
     with patch.object(minimal, "MOST_MASKED", most_masked):
         svg = write_svg(scene, written)
         back = read_svg(svg)
-        assert_read_as(back, minimal_as_written(scene, precision, 6))
+        assert_read_as(back, rounded(scene, precision, 6).scene)
         assert (back.width, back.height) == (scene.width, scene.height)
         assert write_svg(back, written) == svg
 
@@ -101,12 +100,12 @@ def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
 def test_a_minimal_file_without_a_size_is_a_scene_in_its_own_units():
     scene = mixed_scene(20, 3).replace(transparent=False)
     svg = minimal_svg(scene, 4, 3, Document(title="a", alt="b"))
-    back, rounded = read_svg(svg), minimal_as_written(scene, 4, 3)
+    back, drawn = read_svg(svg), rounded(scene, 4, 3).scene
     assert (back.width, back.height) == (15, 10)
-    np.testing.assert_allclose(4 * back.mean, rounded.mean)
-    np.testing.assert_allclose(back.color, rounded.color)
+    np.testing.assert_allclose(4 * back.mean, drawn.mean)
+    np.testing.assert_allclose(back.color, drawn.color)
     # The exponents of plain ellipses are those of their size there.
-    assert_read_as(read_svg(svg.replace(" viewBox", ' width="60" height="40" viewBox')), rounded)
+    assert_read_as(read_svg(svg.replace(" viewBox", ' width="60" height="40" viewBox')), drawn)
 
 
 @pytest.mark.parametrize(
