@@ -36,7 +36,7 @@ from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import Area, Scene
 from gauss2svg.scene.inks import ink_colors, ink_name, printed_colors
 from gauss2svg.svg import Document, Plotter
-from gauss2svg.svg.element import Element, hex_color, number
+from gauss2svg.svg.element import Element, number
 from gauss2svg.svg.encode import document_svg, layer
 
 Floats = NDArray[np.float64]
@@ -210,7 +210,7 @@ def _colors_and_tones(
 def _pen_color(ink: Floats) -> str:
     """Return the colour #rrggbb that gives an ink where white is beside it."""
     color = 1 - (1 - ink) / max(1 - ink.min(), 1 / 255)
-    return hex_color(np.round(255 * color).astype(int), short=False)
+    return ink_name(color)
 
 
 def _nearest(colors: Floats, picture: NDArray[np.floating]) -> NDArray[np.intp]:

@@ -110,13 +110,10 @@ def number(value: float, decimals: int) -> str:
     return "0" if text == "-0" else text
 
 
-def hex_color(color: Iterable[float], short: bool = True) -> str:
-    """Return three levels in 0..255 as a colour #rrggbb.
-
-    If `short` is true, return #rgb for a colour that can be written exactly in this form.
-    """
+def hex_color(color: Iterable[float]) -> str:
+    """Return three levels in 0..255 as #rgb, or as #rrggbb if #rgb cannot be exact."""
     text = "#" + "".join(f"{int(v):02x}" for v in color)
-    return "#" + text[1::2] if short and text[1::2] == text[2::2] else text
+    return "#" + text[1::2] if text[1::2] == text[2::2] else text
 
 
 def short_id(index: int) -> str:

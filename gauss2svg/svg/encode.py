@@ -55,6 +55,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import instance, refusal, required, several
+from gauss2svg.options import hex_of
 from gauss2svg.scene import ABOVE, ADD, BLURRED, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.falloff import RIM_WIDTH, cut_radius, drawn_radius, half_radius
@@ -261,9 +262,8 @@ def _layered_svg(
             body.append(layer(label, inside, id=f"below-{area}-{key}"))
         elif by_ink and inside:
             fill, bare = inside[0].attributes["fill"], [one.replace(fill=None) for one in inside]
-            name = fill if len(fill) == 7 else "#" + "".join(2 * digit for digit in fill[1:])
-            label, key = f"Ink {name}: {several(len(inside), 'ellipse')}", f"ink-{index + 1}"
-            body.append(layer(label, bare, fill=fill, id=key))
+            label = f"Ink {hex_of(fill)}: {several(len(inside), 'ellipse')}"
+            body.append(layer(label, bare, fill=fill, id=f"ink-{index + 1}"))
         elif inside:
             body.append(layer(label, inside, id=key))
     # The inner <svg> is a layer, because otherwise a click in Inkscape would select all of it.
