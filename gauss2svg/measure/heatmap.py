@@ -34,10 +34,9 @@ def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
 
     Errors above MOST have the colour of MOST.
     """
-    position = np.clip(levels, 0, MOST) * ((len(_COLORS) - 1) / MOST)
-    low = np.minimum(position.astype(np.intp), len(_COLORS) - 2)
-    weight = (position - low)[..., None]
-    return np.round(_COLORS[low] * (1 - weight) + _COLORS[low + 1] * weight).astype(np.uint8)
+    places = np.linspace(0, MOST, len(_COLORS))
+    channels = [np.interp(levels, places, channel) for channel in _COLORS.T]
+    return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
 def legend() -> list[str]:

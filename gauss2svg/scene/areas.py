@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Self
 
@@ -297,9 +297,8 @@ class AreaCounts(NamedTuple):
     nodes: int
 
     @classmethod
-    def of(cls, areas: Iterable[Area]) -> Self:
+    def of(cls, areas: Sequence[Area]) -> Self:
         """Return the counts of some areas."""
-        areas = tuple(areas)
         lines = sum(area.is_line for area in areas)
         return cls(len(areas) - lines, lines, sum(area.nodes for area in areas))
 
