@@ -239,8 +239,6 @@ def in_units(
             kept.append(k)
     level = np.searchsorted(kept, scene.level)
     level = np.where((scene.level == ABOVE) | (level == len(kept)), ABOVE, level)
-    if len(kept) == len(scene.areas) and (level == scene.level).all():
-        return written, scene
     return written, scene.replace(areas=[scene.areas[k] for k in kept], level=level)
 
 
