@@ -301,7 +301,7 @@ class Population:
         """
         splats = self.splats()
         _, cost = self.target.removal_cost(splats)
-        keep = (splats.opacity >= LEAST_OPACITY) & (cost[:, 1] > 0)
+        keep = (splats.opacity_color[:, 0] >= LEAST_OPACITY) & (cost[:, 1] > 0)
         if self.target.is_transparent:
             keep &= cost[:, 0] > 0
         self.state = self.state.select(keep)

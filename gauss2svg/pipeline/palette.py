@@ -279,7 +279,7 @@ class HueChange:
         """
         own = chroma(colors) - self.hues
         shown = np.zeros_like(self._splats.opacity_color)
-        shown[:, 0] = self._splats.opacity
+        shown[:, 0] = self._splats.opacity_color[:, 0]
         shown[self._shaded, 1:3] = own / _SCALE
         splats = self._splats._replace(opacity_color=shown, background=np.zeros(3))
         planes = render_planar(splats, self._height, self._width)[:2]

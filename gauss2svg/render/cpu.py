@@ -115,16 +115,6 @@ class Splats(NamedTuple):
     additive: bool = False
     ground: NDArray[np.floating] | None = None
 
-    @property
-    def opacity(self) -> NDArray[np.float64]:
-        """Opacities (n,) in 0..1."""
-        return self.opacity_color[:, 0]
-
-    @property
-    def beta(self) -> NDArray[np.float64]:
-        """Exponents (n,) of the falloff."""
-        return self.shape[:, 5]
-
 
 def splats_from(
     mean: NDArray[np.float64],
@@ -363,7 +353,7 @@ def color_weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDA
     reach = scene.sigma * falloff.cut_radius(scene.beta)[:, None] + covers[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
     high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
-    transmittance, whitening = np.ones((height, width)), scene.whitening
+    transmittance, whitening = np.ones((height, width)), whitening_of(scene.sigma, scene.rho)
     pixel = np.arange(height * width).reshape(height, width)
     values, pixels = [np.zeros(0)] * (len(scene) + 1), [pixel[0, :0]] * (len(scene) + 1)
     for k in range(len(scene) - 1, -1, -1):

@@ -340,9 +340,7 @@ class Scene:
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Covariance matrices (n, 2, 2) in px^2, [[sx^2, rho sx sy], [rho sx sy, sy^2]]."""
-        l11, l21, l22 = self.cholesky.T
-        entries = [l11 * l11, l11 * l21, l11 * l21, l21 * l21 + l22 * l22]
-        return np.stack(entries, axis=1).reshape(-1, 2, 2)
+        return self.factor @ self.factor.mT
 
     @property
     def factor(self) -> NDArray[np.float64]:
@@ -358,14 +356,6 @@ class Scene:
         """Entries l11, l21, l22 (n, 3) of `factor`, in px."""
         sx, sy = self.sigma.T
         return np.stack([sx, self.rho * sy, narrowing_of(self.rho) * sy], axis=1)
-
-    @property
-    def whitening(self) -> NDArray[np.float64]:
-        """Entries w11, w21, w22 (n, 3) of the inverse of `factor`, in 1/px.
-
-        At the offset (u, v) px from the mean, r^2 is (w11 u)^2 + (w21 u + w22 v)^2.
-        """
-        return whitening_of(self.sigma, self.rho)
 
     @property
     def ellipse_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -489,7 +479,12 @@ def narrowing_of(rho: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the whitening (n, 3) in 1/px that belongs to sigma (n, 2) in px and rho (n,)."""
+    """Return the entries w11, w21, w22 (n, 3) of the inverse of `Scene.factor`, in 1/px.
+
+    At the offset (u, v) px from the mean, r^2 is (w11 u)^2 + (w21 u + w22 v)^2.
+
+    sigma, rho  (n, 2) in px, and (n,)
+    """
     sx, sy = sigma.T
     k = narrowing_of(rho)
     return np.stack([1 / sx, -rho / (sx * k), 1 / (sy * k)], axis=1)

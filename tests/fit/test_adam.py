@@ -44,8 +44,8 @@ def step_by_linear_algebra(
 ) -> bool:
     """The slow twin of `step`."""
     gradient = moments * [1, 1, 1, 2, 1, 1, 1, 1, 1, 1]
-    gradient[:, 5] *= 1 - splats.opacity
-    gradient[:, 9] = price - splats.beta * moments[:, 9]
+    gradient[:, 5] *= 1 - splats.opacity_color[:, 0]
+    gradient[:, 9] = price - splats.shape[:, 5] * moments[:, 9]
     sizes, *bounds = columns.T
     finite = True
     for i in range(len(state)):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from with_torch import render_reference
 
 from gauss2svg.render.cpu import render_planar, splats_of, squared_error
-from gauss2svg.scene import PLAIN, Scene
+from gauss2svg.scene import PLAIN, Scene, whitening_of
 from gauss2svg.scene.falloff import coverage, covered_radius
 
 WIDTH, HEIGHT = 45, 34
@@ -75,7 +75,7 @@ def test_gradient_is_that_of_differences(dtype):
         return 0.5 * float(np.square(image - target).sum())
 
     assert squares / 2 == pytest.approx(loss(), rel=1e-5)
-    by_mean = moments[:, :2] * scene.whitening[:, [0, 2]]
+    by_mean = moments[:, :2] * whitening_of(scene.sigma, scene.rho)[:, [0, 2]]
     found = {"mean": by_mean, "color": moments[:, 6:9], "opacity": moments[:, 5] / scene.opacity}
     for name, gradient in found.items():
         values = getattr(scene, name)

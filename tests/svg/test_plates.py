@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from gauss2svg.cli.main import main
 from gauss2svg.files import as_png
 from gauss2svg.raster import rasterize
-from gauss2svg.scene import PLAIN, Scene
+from gauss2svg.scene import PLAIN, Scene, whitening_of
 from gauss2svg.scene.areas import Area, Outline
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.scene.inks import ink_colors, printed_colors
@@ -93,7 +93,7 @@ def test_a_stroke_of_one_width_lies_where_the_falloff_is_half(sigma, rho, beta):
     )  # fmt: skip
     y, x = np.mgrid[:400, :480] / 4 + 0.125
     ink = 1 - rasterize(outline_svg(scene), 480, 400)[:, :, 0]
-    w11, w21, w22 = scene.whitening[0]
+    w11, w21, w22 = whitening_of(scene.sigma, scene.rho)[0]
     r = np.hypot(w11 * (x - 61), w21 * (x - 61) + w22 * (y - 47))
     # Off the contour by no more than half the width and a pixel of this finer raster.
     gradient = np.hypot(*np.gradient(r, 0.25))
