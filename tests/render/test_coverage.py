@@ -56,7 +56,7 @@ def test_coverage_is_what_many_samples_of_a_pixel_say(seed):
     inside = (u**2 + v[: 16 * HEIGHT, None] ** 2) < 1
     sampled = inside.reshape(HEIGHT, 16, WIDTH, 16).mean(axis=(1, 3))
     z = (np.stack(np.mgrid[:HEIGHT, :WIDTH][::-1], axis=-1) + 0.5 - 20.3) / scene.sigma[0]
-    covered = coverage(z, scene.whitening[0], radius)
+    covered = coverage(z, whitening_of(scene.sigma, scene.rho)[0], radius)
     assert np.abs(covered - sampled).max() < 0.25  # at the ends of a needle
     assert np.abs(covered - sampled).mean() < 0.004
 
