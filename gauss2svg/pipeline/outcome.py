@@ -163,18 +163,24 @@ class Exporter:
         """Return the mean number of bytes of a shape in a file of `size` bytes with such shapes.
 
         A minimal file has masks, which take fewer bytes than gradients, if its shapes are few. So
-        if the scene takes more bytes, a part of it is measured too.
+        if the scene takes more bytes, parts of it are measured until one fills the file.
         """
-        count, left = max(len(quantized) - self._in_ground, 1), max(size - self.empty_bytes, 1)
-        whole = self._bytes_above_ground(quantized)
-        fewer = int(count * left / whole)
-        if self._in_ground or not 0 < fewer < count:
-            return whole / count
-        part = quantized.select(np.linspace(0, count - 1, fewer).astype(int))
-        less = self._bytes_above_ground(part)
-        if less >= left:
-            return less / fewer
-        return left / (fewer + (left - less) / (whole - less) * (count - fewer))
+        more, left = max(len(quantized) - self._in_ground, 1), max(size - self.empty_bytes, 1)
+        over = self._bytes_above_ground(quantized)
+        if self._in_ground or over <= left:
+            return over / more
+        fewer = under = 0
+        for _ in range(4):
+            count = fewer + int((left - under) / (over - under) * (more - fewer))
+            if count == fewer or under >= FULL * left:
+                break
+            places = np.linspace(0, len(quantized) - 1, count).astype(int)
+            part = self._bytes_above_ground(quantized.select(places))
+            if part > left:
+                more, over = count, part
+            else:
+                fewer, under = count, part
+        return left / (fewer + (left - under) / (over - under) * (more - fewer))
 
     def _bytes_above_ground(self, scene: Scene) -> int:
         svg = write_svg(scene, self._plan.format, self._subject.document)

@@ -41,6 +41,14 @@ def test_more_seconds_are_never_worse(kind, photo, work_clock):
     assert found[0]["gaussians"] < found[-1]["gaussians"]
 
 
+def test_a_limit_of_bytes_is_full_where_masks_end():
+    """Beyond 500 soft shapes, each one more costs the bytes of several."""
+    picture = data.astronaut()[::2, ::2]
+    for limit in (44_000, 52_000):
+        size = vectorize(picture, max_bytes=limit, iterations=30).report["svg_bytes"]
+        assert 0.97 * limit <= size <= limit
+
+
 @pytest.mark.sweep
 def test_a_limit_of_the_bytes_of_a_preset_is_not_worse_than_the_preset():
     """It is so for photos in many colours, of whose files gradients are a large part.
