@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gauss2svg import portable
 from gauss2svg.photo.pixels import LUMA, shrunk
 from gauss2svg.scene.inks import ink_colors, ink_name
-from gauss2svg.without_scipy import smoothed
+from gauss2svg.without_scipy import nearest_entry, smoothed
 
 Values = NDArray[np.float32]
 LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
@@ -25,34 +25,44 @@ LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
 NOISES = 6
 DIRT = 0.1
 QUANTILE = 0.8
+MOST_INKS, ALIKE = 4, 0.3
 
 
 def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Values, str] | None:
-    """Return a sketch without its paper, at two sizes, and the colours of paper and ink.
+    """Return a sketch without its paper, at two sizes, and the colours of paper and inks.
 
-    Each pixel is a mixture of these colours, which are returned as "#rrggbb,#rrggbb".
+    Each pixel is a mixture of paper and an ink. The colours are returned as "#rrggbb,#rrggbb,..".
 
     pixels, working  the picture, and the perhaps smaller one that is fitted
-    inks  colours to take, as a text like that. Otherwise they are those of the sketch
+    inks  colours of paper and ink to take, as a text like that, or 2. None: those of the sketch,
+          which may have MOST_INKS
     Return None if the picture is no sketch on paper.
     """
-    sketch = _sketch_of(working)
-    larger = sketch if pixels is working or sketch is None else _sketch_of(pixels)
+    most = MOST_INKS if inks is None else 1
+    sketch = _sketch_of(working, most)
+    larger = sketch if pixels is working or sketch is None else _sketch_of(pixels, most)
     if sketch is None or larger is None:
         return None
-    colors = ink_colors(inks) if isinstance(inks, str) else sketch[1]
-    colors = colors[np.argsort(-portable.product(colors, LUMA), kind="stable")]
+    colors = sketch[2]
+    if isinstance(inks, str):
+        colors = ink_colors(inks)
+        colors = colors[np.argsort(-portable.product(colors, LUMA), kind="stable")]
+    # In the larger picture, inks may be in another order.
+    nearest = nearest_entry(sketch[2], larger[2])[1]
     picture, fitted = (
-        (colors[0] + covered[..., None] * (colors[1] - colors[0])).astype(np.float32)
-        for covered in (larger[0], sketch[0])
+        (colors[0] + covered[..., None] * (colors[ink] - colors[0])).astype(np.float32)
+        for covered, ink in ((larger[0], nearest[larger[1]]), sketch[:2])
     )
     return picture, picture if larger is sketch else fitted, ",".join(map(ink_name, colors))
 
 
-def _sketch_of(pixels: Values) -> tuple[Values, Any] | None:
-    """Return the shares (h, w) of ink in a picture, and the colours (2, 3) of paper and ink.
+def _sketch_of(pixels: Values, most: int) -> tuple[Values, Any, Any] | None:
+    """Return the shares (h, w) of ink in a picture, their inks (h, w), and the colours (k, 3).
+
+    The first colour is that of the paper.
 
     pixels  (h, w, 3), or (h, w, 4), which is no sketch on paper, in 0..1
+    most    largest number of inks
     Return None if it is no sketch on paper.
     """
     h, w, channels = pixels.shape
@@ -67,16 +77,48 @@ def _sketch_of(pixels: Values) -> tuple[Values, Any] | None:
 
     ratio = h / light.shape[0], w / light.shape[1], 1
     light: Any = ndimage.zoom(light, ratio, order=1, mode="nearest", grid_mode=True)
-    shares = pixels / np.maximum(light, LEVEL)
-    darkness = 1 - portable.product(shares, LUMA)
+    dark = 1 - pixels / np.maximum(light, LEVEL)
+    darkness = dark.max(axis=2)  # coloured ink is bright in one channel
+    darkness -= np.median(darkness)
     noise, ink = _noise_and_ink(darkness)
-    inked = shares[darkness > QUANTILE * ink]
-    hues = inked - inked.mean(axis=1, keepdims=True)
-    if not _is_ink(darkness, noise, ink) or hues.std(axis=0).max() > 0.06:
+    if not _is_ink(darkness, noise, ink):
         return None
-    paper = np.clip(np.quantile(light, 0.9, axis=(0, 1)), 0, 1)
-    colors = np.stack([paper, paper * np.clip(np.median(inked, axis=0), 0, 1)])
-    return _covered(darkness, noise, ink), np.round(255 * colors) / 255
+    # What of the light of each channel ink takes, as a share of what it takes of the darkest one.
+    # It is the same at edges, where ink mixes with paper.
+    local: Any = smoothed(dark, 1)
+    hues = np.clip(local / np.maximum(local.max(axis=2, keepdims=True), LEVEL), 0, 1)
+    inked = darkness > ink / 2
+    kinds = _kinds_of(hues[inked], most)
+    if kinds is None:
+        return None
+    paper, nearest = np.clip(np.quantile(light, 0.9, axis=(0, 1)), 0, 1), np.ones((h, w), np.int64)
+    nearest[inked] += nearest_entry(kinds, hues[inked])[1]
+    colors = [paper]
+    for k in range(1, len(kinds) + 1):
+        own = inked & (nearest == k)
+        strong = own & (darkness >= np.quantile(darkness[own], QUANTILE))
+        colors.append(paper * np.clip(1 - np.median(dark[strong], axis=0), 0, 1))
+    # Paler pixels have the ink of the nearest inked one.
+    at: Any = ndimage.distance_transform_edt(~inked, return_distances=False, return_indices=True)
+    colors = np.round(255 * np.array(colors)) / 255
+    return _covered(darkness, noise, ink), nearest[tuple(at)], colors
+
+
+def _kinds_of(hues: Values, most: int) -> Any:
+    """Return the hues (k, 3) of at most `most` inks, the commonest one first.
+
+    hues  (n, 3) of pixels. One is of an ink if it differs by at most ALIKE
+    Return None if more than a tenth of the pixels is of none.
+    """
+    kinds, left = list[Any](), hues
+    while len(left) > 0.03 * len(hues) and len(kinds) < most:
+        _, cell, counts = np.unique(np.rint(left * 6), True, False, True, axis=0)
+        kind = np.median(
+            left[np.abs(left - left[cell[counts.argmax()]]).max(axis=1) <= ALIKE / 2], 0
+        )
+        kinds.append(kind)
+        left = left[np.abs(left - kind).max(axis=1) > ALIKE]
+    return np.array(kinds) if len(left) <= 0.1 * len(hues) else None
 
 
 def _is_mostly_paper(luma: Values) -> bool:

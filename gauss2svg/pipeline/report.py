@@ -191,8 +191,9 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
         why = "because the file has no rounds of soft shapes. Try --areas never"
         yield f"{names} {have} no effect, {why}"
     if plan.sketch:
+        inks = several(plan.sketch.count(","), "ink")
         yield (
-            "drawn as a sketch: one ink on paper of one colour. The match is that with the sketch "
+            f"drawn as a sketch: {inks} on paper of one colour. The match is that with the sketch "
             f"without shadows, grain and stains. With them it is {decibels(psnr_photo)}. For these "
             "give --areas never"
         )

@@ -99,12 +99,14 @@ class Result:
     def plot(self, plotter: Plotter | None = None) -> Plot:
         """Return the strokes of a pen plotter. Plot.svg is the text of an SVG with them.
 
-        If the run had inks, each of them has a pen.
+        If the run had inks, each of them has a pen, and so has each ink of a sketch in several.
         """
         from gauss2svg.pipeline.plot import plotted  # imported here because few runs need it
 
         plotter = instance(plotter, "plotter", Plotter)
         inks, paper, overprint = (self.report[key] for key in ("inks", "paper", "overprint"))
+        if (sketch := self.report["sketch"] or "").count(",") > 1:
+            paper, inks = sketch.split(",", 1)
         return plotted(self.scene, plotter, self.document, inks, paper, overprint)
 
     def plates(self, cut: bool = False, trap: float = 0.0, marks: bool = False) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """Properties of sketches on paper: the file has their strokes, and nothing of the paper."""
 
 import io
+import re
 
 import numpy as np
 import pytest
@@ -52,6 +53,12 @@ def on_paper(picture, quality=None, grain=0.01):
 
 
 SKETCH = on_paper(lines())
+
+
+def _middle(area):
+    """Return the middle of an area along x."""
+    x = np.concatenate([outline.nodes[:, 0] for outline in area.outlines])
+    return (x.min() + x.max()) / 2
 
 
 def widths(scene):
@@ -121,13 +128,28 @@ def test_uneven_pages_are_sketches(name):
     assert all(is_ink[:, k::4].mean() < 0.2 for k in range(4))
 
 
+def test_each_ink_of_a_sketch_keeps_its_colour_and_has_a_pen():
+    colors = "#aa0000", "#0000aa", "#222222"
+    thirds = np.select([X < 0.35, X < 0.65], [lines(colors[0]), lines(colors[1])], lines(colors[2]))
+    result = vectorize(on_paper(thirds, 90))
+    found = ink_colors(result.report["sketch"])[1:]
+    assert len(found) == len(colors)
+    for color in ink_colors(",".join(colors)):
+        nearest = found[np.abs(found - color).max(axis=1).argmin()]
+        assert np.abs(nearest - color).max() < 0.2
+    for x in (0.2, 0.5, 0.8):  # the ink of a stroke is that of its third
+        own = [np.array(a.paint) for a in result.scene.areas if abs(_middle(a) / WIDTH - x) < 0.1]
+        index = 0 if x < 0.35 else 1 if x < 0.65 else 2
+        assert all(np.abs(c - ink_colors(colors[index])).max() < 0.2 for c in own)
+    assert len(set(re.findall(r'stroke="(#\w+)"', result.plot().svg))) == len(colors)
+
+
 SPOTS = np.where(np.hypot(X - 0.5, Y - 0.4) < 0.15, [0.4, 1.0, 0.5], 1.0)
 COFFEE = np.asarray(Image.fromarray(data.coffee()).resize((WIDTH, HEIGHT)), np.float32) / 255
 OTHERS = {
     "drawn": in_8_bits(lines()),
     "drawn on a gradient": in_8_bits(lines() * (0.7 + 0.15 * X + 0.2 * Y)),
     "with a coloured area": on_paper(lines() * SPOTS),
-    "in two colours": on_paper(np.where(X < 0.5, lines("#a00"), lines("#00a"))),
     "out of focus": ndimage.gaussian_filter(SKETCH, (4, 4, 0)),
     "on black": 1 - SKETCH,
     "without a line": on_paper(np.ones((HEIGHT, WIDTH, 3))),
