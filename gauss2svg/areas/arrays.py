@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from gauss2svg.without_scipy import window
+
 # The precision is not part of the types.
 Floats = NDArray[Any]
 Ints = NDArray[Any]
@@ -28,6 +30,13 @@ def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bo
     """Return a mask with the neighbours of its pixels. With None, these are four for each."""
     result: Any = ndimage.binary_dilation(mask, block, iterations)
     return result
+
+
+def blurred(image: Floats, sigma: float) -> Floats:
+    """Return an image (h, w, c) smoothed by a Gaussian window of this standard deviation in px."""
+    half = window(sigma, int(4 * sigma + 0.5))
+    whole = np.array([*half[:0:-1], *half])
+    return ndimage.correlate1d(ndimage.correlate1d(image, whole, 0), whole, 1)
 
 
 def pixels_of(mask: Bools, box: Box) -> tuple[Ints, Ints]:

@@ -24,11 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.arrays import Bools, Box, Floats, Ints
+from gauss2svg.areas.arrays import Bools, Box, Floats, Ints, blurred
 from gauss2svg.areas.outlines import Path, angles_of, lengths_of
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
-from gauss2svg.without_scipy import smoothed
 
 RATE = 4.0  # samples for each px of an outline
 # A picture is soft if a blur of its drawing by SOFT px leaves at most SOFTER of the error.
@@ -211,7 +210,7 @@ class Drawing:
             self.box, self.offset, np.empty((h, w + 2)), canvas, self.cover, self.below,
         )  # fmt: skip
         if self.softness:
-            return smoothed(canvas, self.softness)
+            return blurred(canvas, self.softness)
         if self.rasterize is None:
             return canvas
         del canvas  # a raster takes much memory
@@ -222,7 +221,7 @@ class Drawing:
         drawn = self.draw()
 
         def error(softness: float) -> float:
-            return squared(smoothed(drawn, softness) - self.pixels)
+            return squared(blurred(drawn, softness) - self.pixels)
 
         if error(SOFT) <= SOFTER * squared(drawn - self.pixels):
             self.softness = min(np.arange(0.35, 1.6, 0.05).tolist(), key=error)
@@ -344,8 +343,8 @@ class Drawing:
         if len(along):
             self.scatter = float(np.median((along**2).sum(axis=1)))
         if self.softness:  # the gradient of a blurred raster
-            blurred = smoothed(error, self.softness)
-            along = blurred.reshape(rows.shape)[places].astype(np.float64)
+            smooth = blurred(error, self.softness)
+            along = smooth.reshape(rows.shape)[places].astype(np.float64)
         move, widen = self._solved(samples, along, damping)
         loss = squared(error)
         # Each entry has the pixels through which the outlines of a path run.
