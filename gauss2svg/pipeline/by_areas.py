@@ -26,12 +26,14 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.areas import clean, find, ringing
+from gauss2svg.areas.arrays import blurred
 from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
 from gauss2svg.areas.texture import halved, is_flat, is_shaded, two_toned, was_doubled
 from gauss2svg.fit import FitProgress, FitResult
+from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import model_psnr
-from gauss2svg.photo.pixels import over
+from gauss2svg.photo.pixels import has_alpha, over
 from gauss2svg.pipeline import found as changes
 from gauss2svg.pipeline.by_count import ENOUGH, ByCount
 from gauss2svg.pipeline.found import SEEN_UP_TO, Trial, Trials, nothing, scene_of
@@ -39,6 +41,7 @@ from gauss2svg.pipeline.outcome import Exporter, Outcome, Subject, filled, scale
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.raster import rasterize_like
+from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import ABOVE
 from gauss2svg.scene.areas import Area, AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, SvgFormat
@@ -228,11 +231,14 @@ class ByAreas:
 
     def _psnr(self, outcome: Outcome) -> float:
         """Return the PSNR (dB) of an outcome against the picture in which areas were searched."""
-        if outcome.found is not None and outcome.found.softness:
-            return outcome.found.psnr  # crisp areas are far from a soft picture
+        working, scene = self._subject.working, outcome.file.scene
+        if outcome.found is not None and (softness := outcome.found.softness):
+            # Crisp areas are far from a soft picture.
+            draw = render_rgba if has_alpha(working) else render
+            drawn = blurred(find.channels_of(draw(scene, *self._subject.size)), softness)
+            return metrics.psnr(drawn, find.channels_of(working))
         if self._is_as_given:
             return outcome.psnr
-        working = self._subject.working
         return model_psnr(outcome.file.scene, working, self._subject.weight(working))
 
     def _may_be_soft(self, psnr: float) -> bool:
