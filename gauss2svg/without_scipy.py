@@ -27,7 +27,7 @@ def smoothed(
     Beyond its border, the plane continues as its mirror image, so the outermost pixel comes twice.
     The result has the dtype of the plane.
     """
-    weights = window(float(sigma), int(truncate * float(sigma) + 0.5))
+    weights = _weights(float(sigma), int(truncate * float(sigma) + 0.5))
     for _ in range(2):
         plane = np.swapaxes(_smoothed_down(np.ascontiguousarray(plane), weights), 0, 1)
     return np.ascontiguousarray(plane)
@@ -52,7 +52,7 @@ def _smoothed_down(plane: NDArray[np.floating], weights: tuple[float, ...]) -> N
 
 
 @lru_cache(maxsize=16)
-def window(sigma: float, radius: int) -> tuple[float, ...]:
+def _weights(sigma: float, radius: int) -> tuple[float, ...]:
     """Return one half of a Gaussian window: the weights at 0, 1, 2 .. `radius` px from its centre.
 
     The other half is the mirror image. The sum of the weights of the whole window is 1.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from gauss2svg.without_scipy import window
+from gauss2svg.portable import least_squares
 
 # The precision is not part of the types.
 Floats = NDArray[Any]
@@ -18,6 +18,7 @@ Box = tuple[slice, slice]  # rows and columns of a picture
 
 LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
 BLOCK = np.ones((3, 3), bool)  # neighbours of a pixel with the diagonal ones
+WINDOW = 4  # weights of half of a window, from its centre on
 
 
 def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
@@ -32,11 +33,28 @@ def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bo
     return result
 
 
-def blurred(image: Floats, sigma: float) -> Floats:
-    """Return an image (h, w, c) smoothed by a Gaussian window of this standard deviation in px."""
-    half = window(sigma, int(4 * sigma + 0.5))
-    whole = np.array([*half[:0:-1], *half])
+def filtered(image: Floats, half: Floats) -> Floats:
+    """Return an image (h, w, c) filtered along its rows and columns by a symmetric window.
+
+    half  (n,) weights of the window at 0, 1, 2 .. px from its centre
+    """
+    whole = np.append(half[:0:-1], half)
     return ndimage.correlate1d(ndimage.correlate1d(image, whole, 0), whole, 1)
+
+
+def window_between(crisp: Floats, soft: Floats) -> Floats:
+    """Return half of the window (WINDOW,) of sum 1 that brings an image closest to another one."""
+    half = np.eye(1, WINDOW)[0]
+    for _ in range(4):  # down the columns, the window of the step before is taken
+        image = ndimage.correlate1d(crisp, np.append(half[:0:-1], half), 0)
+        basis = np.empty((image.size, WINDOW - 1))
+        for k in range(1, WINDOW):  # what a weight k px from the centre adds on both sides
+            weights = np.zeros(2 * k + 1)
+            weights[[0, k, -1]] = 1, -2, 1
+            basis[:, k - 1] = ndimage.correlate1d(image, weights, 1).ravel()
+        sides = least_squares(basis, (soft - image).reshape(-1, 1).astype(np.float64))[:, 0]
+        half = np.append(1 - 2 * sides.sum(), sides)
+    return half
 
 
 def pixels_of(mask: Bools, box: Box) -> tuple[Ints, Ints]:

@@ -39,9 +39,9 @@ class FoundAreas:
     areas       from the lowest to the highest one, in px of the picture
     background  (3,) sRGB colour below them, or None if the picture is transparent there
     explained   share of the pixels whose colour the areas draw
-    psnr        PSNR in dB of their exact raster against the picture, blurred as the picture is
+    psnr        PSNR in dB of their exact raster against the picture, as soft as it is
     find_s, refine_s  seconds in which they were found, and in which they were refined
-    softness    standard deviation in px of the blur of the picture's edges
+    window      half of the window that makes the edges of the picture soft. None: they are crisp
     drawing     the same areas as arrays, from which `refined` goes on
     """
 
@@ -51,7 +51,7 @@ class FoundAreas:
     psnr: float
     find_s: float
     refine_s: float
-    softness: float = 0.0
+    window: Floats | None = None
     drawing: Drawing | None = field(default=None, repr=False, compare=False)
 
 
@@ -123,7 +123,7 @@ def refined(
         psnr = -10 * portable.log10(max(float(error.mean()), 1e-12))
         taken_s = refine_s + time.perf_counter() - started
         return FoundAreas(
-            areas, background, explained, psnr, find_s, taken_s, drawing.softness, drawing
+            areas, background, explained, psnr, find_s, taken_s, drawing.window, drawing
         )
 
     def refine(count: int) -> None:
@@ -139,7 +139,7 @@ def refined(
     refine(steps)
     for _ in range(2):
         factor = PRICE_OF_SCATTER if drawing.is_clean else 0.0
-        factor = PRICE_IF_SOFT if drawing.softness else factor
+        factor = PRICE_IF_SOFT if drawing.window is not None else factor
         price = max(rate, factor * drawing.scatter)
         drawing = drawing.with_layers(merge.merged(drawing, unit, price))
         refine(later)

@@ -24,14 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.arrays import Bools, Box, Floats, Ints, blurred
+from gauss2svg.areas.arrays import Bools, Box, Floats, Ints, filtered, window_between
 from gauss2svg.areas.outlines import Path, angles_of, lengths_of
 from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
 RATE = 4.0  # samples for each px of an outline
-# A picture is soft if a blur of its drawing by SOFT px leaves at most SOFTER of the error.
-SOFT, SOFTER = 0.45, 0.6
+SOFT = 0.6  # most of the error of a drawing that a window leaves if the picture has soft edges
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 _compose_layers = Kernel(
@@ -102,7 +101,8 @@ class Drawing:
         self.rasterize: Callable[[], NDArray[np.float32]] | None = None
         # (h, w) weights of errors, for which nodes and layers are left out. None: all are 1
         self.focus: Floats | None = None
-        self.softness = 0.0  # standard deviation in px of the blur of the picture's edges
+        # Half of the window that makes the edges of the picture soft. None: they are crisp
+        self.window: Floats | None = None
         self.is_clean = False  # whether neither JPEG nor a filter that overshoots made the picture
         self.noise = 0.0  # mean squared distance in px by which outlines seem to be off
         self.scatter = 0.0  # median squared error of the pixels along outlines
@@ -172,7 +172,7 @@ class Drawing:
         new = Drawing(
             self.pixels, self.ground, self.paints, layers, is_tied, self.picture, self._memory
         )
-        new.focus, new.is_clean, new.softness = self.focus, self.is_clean, self.softness
+        new.focus, new.is_clean, new.window = self.focus, self.is_clean, self.window
         return new
 
     def boxes(self) -> Ints:
@@ -209,22 +209,21 @@ class Drawing:
             self.closed, self.layer_start, self.width, self.cap, self._opacity, form, place, table,
             self.box, self.offset, np.empty((h, w + 2)), canvas, self.cover, self.below,
         )  # fmt: skip
-        if self.softness:
-            return blurred(canvas, self.softness)
+        if self.window is not None:
+            return np.clip(filtered(canvas, self.window), 0, 1)
         if self.rasterize is None:
             return canvas
         del canvas  # a raster takes much memory
         return self.rasterize()
 
     def soften(self) -> None:
-        """Set the softness to that at which the drawing is closest, if the picture is soft."""
-        drawn = self.draw()
-
-        def error(softness: float) -> float:
-            return squared(blurred(drawn, softness) - self.pixels)
-
-        if error(SOFT) <= SOFTER * squared(drawn - self.pixels):
-            self.softness = min(np.arange(0.35, 1.6, 0.05).tolist(), key=error)
+        """Set the window to that which brings the drawing closest, if the picture is soft."""
+        if self.layers:
+            drawn, part = self.draw(), np.s_[:1024, :1024]  # enough of a large picture
+            window = window_between(drawn[part], self.pixels[part])
+            soft = np.clip(filtered(drawn, window), 0, 1)
+            if squared(soft - self.pixels) <= SOFT * squared(drawn - self.pixels):
+                self.window = window
 
     def weigh(self) -> None:
         """Write what shows of layers, `visible` (m,), and the derivatives `weight` (m, c).
@@ -342,8 +341,8 @@ class Drawing:
         along = rows[places].astype(np.float64)
         if len(along):
             self.scatter = float(np.median((along**2).sum(axis=1)))
-        if self.softness:  # the gradient of a blurred raster
-            smooth = blurred(error, self.softness)
+        if self.window is not None:  # the gradient of a filtered raster
+            smooth = filtered(error, self.window)
             along = smooth.reshape(rows.shape)[places].astype(np.float64)
         move, widen = self._solved(samples, along, damping)
         loss = squared(error)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.areas import clean, find, ringing
-from gauss2svg.areas.arrays import blurred
+from gauss2svg.areas.arrays import filtered
 from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
 from gauss2svg.areas.texture import halved, is_flat, is_shaded, two_toned, was_doubled
@@ -132,7 +132,9 @@ class ByAreas:
             if psnr < enough:
                 error = self._trials.error_at(psnr)
                 unsure = self._trials.shapes_win(outcome.file.size, error)
-            is_far = outcome.psnr < enough and not (outcome.found and outcome.found.softness)
+            is_far = outcome.psnr < enough and not (
+                outcome.found and outcome.found.window is not None
+            )
             unsure |= not is_limited and is_far and self._may_be_soft(psnr)
         notes = (_ANEW,) if self._is_anew else ()
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
@@ -193,7 +195,7 @@ class ByAreas:
             found = self._found(self._areas())
             if self._ends() or found.drawing is None:
                 return None
-            if found.softness and quality is None:  # no filter reduced it
+            if found.window is not None and quality is None:  # no filter reduced it
                 return found
             working = None
             if self._is_rung:
@@ -233,10 +235,10 @@ class ByAreas:
     def _psnr(self, outcome: Outcome) -> float:
         """Return the PSNR (dB) of an outcome against the picture in which areas were searched."""
         working, scene = self._subject.working, outcome.file.scene
-        if outcome.found is not None and (softness := outcome.found.softness):
+        if outcome.found is not None and (window := outcome.found.window) is not None:
             # Crisp areas are far from a soft picture.
             draw = render_rgba if has_alpha(working) else render
-            drawn = blurred(find.channels_of(draw(scene, *self._subject.size)), softness)
+            drawn = filtered(find.channels_of(draw(scene, *self._subject.size)), window)
             return metrics.psnr(drawn, find.channels_of(working))
         if self._is_as_given:
             return outcome.psnr
@@ -273,7 +275,7 @@ class ByAreas:
         has_shapes, ground = len(trial.ground) > 0, trial.ground.select([])
         # Other renderers take too long for a step of a fit.
         is_fast = renderer == "resvg" and found.areas and not self._ends()
-        if not is_fast or found.softness or (has_shapes and not self._is_as_given):
+        if not is_fast or found.window is not None or (has_shapes and not self._is_as_given):
             return trial
 
         def rasterize(areas: tuple[Area, ...]) -> NDArray[np.float32]:

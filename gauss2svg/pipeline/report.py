@@ -171,7 +171,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
     if is_clear and is_empty and outcome.fitted.stop_reason != "max_bytes":
         yield "the SVG is empty, because the photo is too transparent to be visible"
     is_open = not (plan.goal.is_limited or plan.in_inks or plan.sketch or plan.prefers_areas)
-    if outcome.found is not None and outcome.found.softness:
+    if outcome.found is not None and outcome.found.window is not None:
         yield "the edges of this picture are soft, and those of its areas are crisp, which costs dB"
     elif scene.areas and is_open and psnr_photo < SOFT:
         yield "areas and lines are far from this picture. Soft shapes may be closer: --areas never"
