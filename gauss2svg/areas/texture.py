@@ -40,6 +40,16 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
 
     pixels  (h, w, 3), or (h, w, 4) with straight alpha, in 0..1
     """
+    if _is_drawn(pixels):
+        return True
+    if max(pixels.shape[:2]) > MOST_DOUBLED:
+        return False
+    small = undoubled(pixels)
+    return small is not pixels and _is_drawn(small)
+
+
+def _is_drawn(pixels: NDArray[np.float32]) -> bool:
+    """Return whether a picture that was not enlarged has the edges of a drawing."""
     level, rough = _levels(pixels)
     if min(rough.shape[1:]) <= EDGE_PX:
         return False
@@ -58,12 +68,10 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
     needed = portable.exp(-9.3 * np.count_nonzero(rough <= SMOOTH) / rough.size)
     if crisp / level.size + 3e-5 >= needed:
         return True
-    if max(pixels.shape[:2]) <= LOGO:
-        is_edge, is_even = two_toned(pixels[..., :3])
-        if is_edge.mean() >= 0.4 and is_even.sum() >= TWO_TONED * is_edge.sum():
-            return True
-    may_be_doubled = max(pixels.shape[:2]) <= MOST_DOUBLED and was_doubled(pixels)
-    return may_be_doubled and may_have_areas(halved(pixels))
+    if max(pixels.shape[:2]) > LOGO:
+        return False
+    is_edge, is_even = two_toned(pixels[..., :3])
+    return bool(is_edge.mean() >= 0.4 and is_even.sum() >= TWO_TONED * is_edge.sum())
 
 
 def is_flat(pixels: NDArray[np.float32]) -> bool:
@@ -143,13 +151,21 @@ def two_toned(pixels: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[
     return is_edge, is_edge & (np.minimum(above, below) <= 0.15 * contrast)
 
 
-def was_doubled(picture: NDArray[np.float32]) -> bool:
-    """Return whether a picture (h, w, c) was enlarged twice, over black and over white."""
-    return all(map(_was_doubled, views(picture)))
+def undoubled(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a picture (h, w, c) that was doubled at half its size, and so once more.
+
+    Others are returned as they are.
+    """
+    for _ in range(2):
+        if not all(map(_was_doubled, views(picture))):  # over black and over white
+            break
+        height, width = picture.shape[:2]
+        picture = shrunk(picture, round(height / 2), round(width / 2), sharp=True)
+    return picture
 
 
 def _was_doubled(pixels: NDArray[np.float32]) -> bool:
-    """Return whether an opaque picture was enlarged twice, by the width of its crispest edges.
+    """Return whether the sides of an opaque picture were doubled, by its crispest edges.
 
     If it was not enlarged, one step between two pixels has most of the contrast of such an edge. A
     picture that was enlarged has nothing that a smaller one lacks.
@@ -186,12 +202,6 @@ def _finer_than_half(luma: NDArray[np.float32]) -> float:
     lost = luma - np.asarray(small.resize((width, height), Image.Resampling.BICUBIC))
     steps = [np.diff(luma, axis=axis).ravel() for axis in (0, 1)]
     return float((lost**2).sum() / max((np.concatenate(steps) ** 2).sum(), 1e-9))
-
-
-def halved(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a picture whose sides are half as long."""
-    height, width = picture.shape[:2]
-    return shrunk(picture, round(height / 2), round(width / 2), sharp=True)
 
 
 def _tiles(pixels: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -29,7 +29,7 @@ from gauss2svg.areas import clean, find, ringing
 from gauss2svg.areas.arrays import filtered
 from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
-from gauss2svg.areas.texture import halved, is_flat, is_shaded, two_toned, was_doubled
+from gauss2svg.areas.texture import is_flat, is_shaded, two_toned, undoubled
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import model_psnr
@@ -42,7 +42,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render, render_rgba
-from gauss2svg.scene import ABOVE
+from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import Area, AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, SvgFormat
 from gauss2svg.svg.write import ordered_svg
@@ -74,8 +74,9 @@ class ByAreas:
     """A search for the areas and lines of a picture, and for Gaussians above them."""
 
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
-        if is_doubled := was_doubled(subject.working):
-            subject = dataclasses.replace(subject, working=halved(subject.working))
+        small = undoubled(subject.working)
+        is_doubled = small is not subject.working
+        subject = dataclasses.replace(subject, working=small)
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
         precision = plan.options.svg.precision
         if precision is None:
@@ -124,18 +125,19 @@ class ByAreas:
         If the file of a start is closer than what is made of it, that is returned.
         """
         outcome = self._search()
-        unsure, psnr = self._is_lost or outcome.unsure, self._psnr(outcome)
-        is_limited = self._limit < math.inf or self._plan.aim is not None
+        window = None if outcome.found is None else outcome.found.window
+        unsure, goal = self._is_lost or outcome.unsure, self._plan.goal
+        is_limited = goal.byte_limit < math.inf or self._plan.aim is not None
+        # Without a limit, crisp areas are the file of a soft picture, although they have less dB.
+        psnr = outcome.psnr if is_limited and window is not None else self._psnr(outcome)
         # With a time limit, no time is left for two searches, and a preset asks for no more.
         enough = math.inf if is_limited else self._plan.preset.stop_psnr - ENOUGH.too_little
-        if not (unsure or self._plan.goal.time_limit or self._run.ended):
+        if not (unsure or goal.time_limit or self._run.ended):
             if psnr < enough:
                 error = self._trials.error_at(psnr)
                 unsure = self._trials.shapes_win(outcome.file.size, error)
-            is_far = outcome.psnr < enough and not (
-                outcome.found and outcome.found.window is not None
-            )
-            unsure |= not is_limited and is_far and self._may_be_soft(psnr)
+            is_far = not is_limited and window is None and outcome.psnr < enough
+            unsure |= is_far and self._may_be_soft(psnr)
         notes = (_ANEW,) if self._is_anew else ()
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
@@ -234,15 +236,21 @@ class ByAreas:
 
     def _psnr(self, outcome: Outcome) -> float:
         """Return the PSNR (dB) of an outcome against the picture in which areas were searched."""
-        working, scene = self._subject.working, outcome.file.scene
-        if outcome.found is not None and (window := outcome.found.window) is not None:
-            # Crisp areas are far from a soft picture.
-            draw = render_rgba if has_alpha(working) else render
-            drawn = filtered(find.channels_of(draw(scene, *self._subject.size)), window)
-            return metrics.psnr(drawn, find.channels_of(working))
-        if self._is_as_given:
-            return outcome.psnr
-        return model_psnr(outcome.file.scene, working, self._subject.weight(working))
+        if outcome.found is not None and outcome.found.window is not None:
+            return self._model_psnr(outcome.file.scene, outcome.found)
+        return outcome.psnr if self._is_as_given else self._model_psnr(outcome.file.scene)
+
+    def _model_psnr(self, scene: Scene, found: FoundAreas | None = None) -> float:
+        """Return the PSNR (dB) of a scene against the picture in which areas were searched.
+
+        The scene is made as soft as the picture is, if its areas tell.
+        """
+        working = self._subject.working
+        if found is None or found.window is None:
+            return model_psnr(scene, working, self._subject.weight(working))
+        draw = render_rgba if has_alpha(working) else render
+        drawn = filtered(find.channels_of(draw(scene, *self._subject.size)), found.window)
+        return metrics.psnr(drawn, find.channels_of(working))
 
     def _may_be_soft(self, psnr: float) -> bool:
         """Return whether areas of this PSNR in dB are far from a small picture, or one is glossy.
@@ -323,7 +331,7 @@ class ByAreas:
         first = self._found(self._searched, self._so_far) if known is None or start else known
         if start is not None and not self._ends():
             start = start.replace(areas=first.areas)
-            if model_psnr(start, self._subject.working) < SEEN_UP_TO:
+            if self._model_psnr(start, first) < SEEN_UP_TO:
                 # Much has moved, as between two frames of a film, so areas are found anew.
                 self._subject, self._is_anew = dataclasses.replace(self._subject, start=None), True
                 first = self._found(self._searched, first)

@@ -25,7 +25,9 @@ LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
 NOISES = 6
 DIRT = 0.1
 QUANTILE = 0.8
-MOST_INKS, ALIKE = 4, 0.3
+MOST_INKS = 4
+SAME_HUE = 0.3  # largest difference of hues of one ink, as blur and JPEG change them
+RARE = 0.03  # share of the inked pixels that need no ink of their own
 
 
 def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Values, str] | None:
@@ -48,7 +50,7 @@ def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Value
         colors = ink_colors(inks)
         colors = colors[np.argsort(-portable.product(colors, LUMA), kind="stable")]
     # In the larger picture, inks may be in another order.
-    nearest = nearest_entry(sketch[2], larger[2])[1]
+    nearest = np.append(0, 1 + nearest_entry(sketch[2][1:], larger[2][1:])[1])
     picture, fitted = (
         (colors[0] + covered[..., None] * (colors[ink] - colors[0])).astype(np.float32)
         for covered, ink in ((larger[0], nearest[larger[1]]), sketch[:2])
@@ -107,18 +109,18 @@ def _sketch_of(pixels: Values, most: int) -> tuple[Values, Any, Any] | None:
 def _kinds_of(hues: Values, most: int) -> Any:
     """Return the hues (k, 3) of at most `most` inks, the commonest one first.
 
-    hues  (n, 3) of pixels. One is of an ink if it differs by at most ALIKE
-    Return None if more than a tenth of the pixels is of none.
+    hues  (n, 3) of pixels. One is of an ink if it differs by at most SAME_HUE
+    Return None if more than RARE of the pixels are of none.
     """
     kinds, left = list[Any](), hues
-    while len(left) > 0.03 * len(hues) and len(kinds) < most:
+    while len(left) > RARE * len(hues) and len(kinds) < most:
         _, cell, counts = np.unique(np.rint(left * 6), True, False, True, axis=0)
         kind = np.median(
-            left[np.abs(left - left[cell[counts.argmax()]]).max(axis=1) <= ALIKE / 2], 0
+            left[np.abs(left - left[cell[counts.argmax()]]).max(axis=1) <= SAME_HUE / 2], 0
         )
         kinds.append(kind)
-        left = left[np.abs(left - kind).max(axis=1) > ALIKE]
-    return np.array(kinds) if len(left) <= 0.1 * len(hues) else None
+        left = left[np.abs(left - kind).max(axis=1) > SAME_HUE]
+    return np.array(kinds) if len(left) <= RARE * len(hues) else None
 
 
 def _is_mostly_paper(luma: Values) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.pixels import Sprite, areas_of_sprite, sprite_of
-from gauss2svg.areas.texture import was_doubled
+from gauss2svg.areas.texture import undoubled
 from gauss2svg.errors import InputError, instance, refusal, required, several
 from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
 from gauss2svg.fit import FitOptions, FitResult
@@ -266,7 +266,7 @@ def vectorize_by(
     whole = photo.pixels if is_whole else pixels
     plan = plan.for_picture(pixels, whole)
     if plan.in_areas and load.fit != photo.original_size and sketch is None:
-        if is_whole and not was_doubled(whole):
+        if is_whole and undoubled(whole) is whole:
             measured, pixels, working = photo, whole, whole
         else:
             # Outlines would follow the rings of the filter that keeps photos sharp.

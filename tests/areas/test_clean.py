@@ -10,7 +10,7 @@ from test_find import DRAWINGS, color_of, drawn, points_of
 from test_texture import jpeg, pixels_of
 
 from gauss2svg.areas.clean import cleaned, noise_of, without_shading
-from gauss2svg.areas.texture import was_doubled
+from gauss2svg.areas.texture import undoubled
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize
 
@@ -81,19 +81,22 @@ def test_a_dark_card_keeps_its_edge_above_its_shadow():
 
 
 @pytest.mark.parametrize("name", ["BILINEAR", "BICUBIC", "LANCZOS"])
-def test_a_doubled_drawing_is_told(name):
+def test_a_doubled_drawing_is_halved(name):
     drawing = drawn(DRAWINGS["a polygon"])
-    assert was_doubled(enlarged(drawing, 2.0, Image.Resampling[name]))
-    assert not was_doubled(drawing)
-    assert not was_doubled(enlarged(drawing, 1.5, Image.Resampling[name]))
+    for picture in (drawing, enlarged(drawing, 1.5)):
+        assert undoubled(picture) is picture
+    doubled = enlarged(drawing, 2.0, Image.Resampling[name])
+    assert undoubled(doubled).shape == drawing.shape
+    assert undoubled(enlarged(doubled, 4.0)).shape[0] >= 2 * drawing.shape[0]  # twice at most
 
 
 def test_a_drawing_with_details_of_a_pixel_was_not_doubled():
     soft = gaussian_filter(drawn(DRAWINGS["a polygon"]), (1, 1, 0))
-    assert was_doubled(soft)
+    assert undoubled(soft) is not soft
     rows, columns = np.indices(soft.shape[:2])
     details = np.where((rows + columns) % 2, 0.05, -0.05)[..., None]
-    assert not was_doubled(np.clip(soft + details, 0, 1).astype(np.float32))
+    sharp = np.clip(soft + details, 0, 1).astype(np.float32)
+    assert undoubled(sharp) is sharp
 
 
 @pytest.mark.parametrize("blur", [0.5, 0.6])
