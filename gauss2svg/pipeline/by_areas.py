@@ -148,13 +148,14 @@ class ByAreas:
 
     def _search(self) -> Outcome:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
-        known = self._decode() if self._quality is not None or self._is_rung else None
+        if self._quality is not None or self._is_rung:
+            self._decode()
         if self._plan.in_inks and not self._inks:
-            known = self._ink(str(self._plan.options.fit.inks))
+            self._ink(str(self._plan.options.fit.inks))
         plan = dataclasses.replace(self._plan, rate=self._rate)
         self._trials = Trials(plan, self._subject, self._exporter, self._is_over)
         # If the search for shapes alone is stopped at once, the shapes of a short fit are the file.
-        trial, subject = self._best(known) or self._trials.in_short(), self._subject
+        trial, subject = self._best() or self._trials.in_short(), self._subject
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         is_short = self._is_late or self._is_hurried
         reason = "time_limit" if is_short else "max_bytes" if self._is_cut else "gain"
@@ -186,19 +187,14 @@ class ByAreas:
             unsure=is_open and aim is not None and not aim.is_met_by(both.file.score),
         )  # fmt: skip
 
-    def _decode(self) -> FoundAreas | None:
-        """Take out of the picture what JPEG and a filter changed, as its areas tell.
-
-        Return the areas if the picture stays as it was.
-        """
+    def _decode(self) -> None:
+        """Take out of the picture what JPEG and a filter changed, as its areas tell."""
         noise, noisy, quality = 0.45 * self._noise, self._noisy, self._quality
         code = None if quality is None else lambda drawn: clean.coded(drawn, quality, noisy)
         for k in range(2):  # the areas of what is left are closer
             found = self._found(self._areas())
             if self._ends() or found.drawing is None:
-                return None
-            if found.window is not None and quality is None:  # no filter reduced it
-                return found
+                return
             working = None
             if self._is_rung:
                 working = ringing.unrung(noisy, found.areas, found.background, code)
@@ -218,7 +214,6 @@ class ByAreas:
         elif not noise:
             self._subject = dataclasses.replace(self._subject, working=noisy)
         self._tries = 0
-        return None
 
     def _ink(self, inks: str) -> None:
         """Draw the picture in inks, in which areas are then found.
@@ -322,13 +317,9 @@ class ByAreas:
         """Return the PSNR (dB) of the raster of a file against the photo."""
         return self._subject.psnr(self._exporter.raster(svg), self._subject.photo)
 
-    def _best(self, known: FoundAreas | None) -> Trial | None:
-        """Return the trial whose areas the file gets, or None if it gets no areas.
-
-        known  areas of the picture, None if they were not searched before
-        """
-        start = self._start
-        first = self._found(self._searched, self._so_far) if known is None or start else known
+    def _best(self) -> Trial | None:
+        """Return the trial whose areas the file gets, or None if it gets no areas."""
+        first, start = self._found(self._searched, self._so_far), self._start
         if start is not None and not self._ends():
             start = start.replace(areas=first.areas)
             if self._model_psnr(start, first) < SEEN_UP_TO:
