@@ -21,9 +21,11 @@ from gauss2svg.scene.areas import CAPS, Area, Outline
 
 RATE = 0.0012  # squared error that a byte of an area must save
 # Least squared error that a byte of an outline must save, for each unit of the median squared error
-# of pixels along outlines, because nodes that follow antialiasing save some too. It is higher in a
-# picture with soft edges, whose blur is never quite that of the drawing.
-PRICE_OF_SCATTER, PRICE_IF_SOFT = 27.0, 100.0
+# of pixels along outlines, because nodes that follow antialiasing save some too
+PRICE_OF_SCATTER = 27.0
+PRICE_IF_SOFT = (
+    100.0  # the same if edges are soft, because no window makes the drawing quite as soft
+)
 UNIT = 1 / 32  # px of path data
 STEPS = 20  # steps of refinement before nodes are merged, and after each time that they are
 
@@ -138,9 +140,11 @@ def refined(
 
     refine(steps)
     for _ in range(2):
-        factor = PRICE_OF_SCATTER if drawing.is_clean else 0.0
-        factor = PRICE_IF_SOFT if drawing.window is not None else factor
-        price = max(rate, factor * drawing.scatter)
+        price = rate
+        if drawing.window is not None:
+            price = max(rate, PRICE_IF_SOFT * drawing.scatter)
+        elif drawing.is_clean:
+            price = max(rate, PRICE_OF_SCATTER * drawing.scatter)
         drawing = drawing.with_layers(merge.merged(drawing, unit, price))
         refine(later)
     drawing = drawing.with_layers(merge.without_cheap(drawing, unit, rate))

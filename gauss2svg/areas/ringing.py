@@ -44,8 +44,8 @@ def _has_rung_colors(picture: Floats) -> bool:
 
 
 def _steps_back(plane: Floats, least: float) -> bool:
-    """Return whether a plane (h, w) steps back by `least` beside many of its crisp edges."""
-    edges = crisp = even = rung = 0
+    """Return whether a plane (h, w) steps back by `least` beside many of its edges."""
+    edges = rung = 0
     for rows in (plane, plane.T):
         if rows.shape[1] < 2 * SIDE:
             continue
@@ -56,16 +56,14 @@ def _steps_back(plane: Floats, least: float) -> bool:
         y, x = np.nonzero(is_edge)
         profile = rows[y[:, None], x[:, None] + np.arange(2 * SIDE)]
         contrast, way = np.abs(whole[y, x]), np.sign(whole[y, x])[:, None]
-        crisp += np.count_nonzero(np.abs(step[y, x]) > 0.65 * contrast)
         sides = np.stack([way * profile[:, SIDE:], -way * profile[:, SIDE - 1 :: -1]])
         is_even = (np.abs(sides[..., -1] - sides[..., -2]) <= 0.03 * contrast).all(axis=0)
         fall = -np.diff(sides[..., :4]).min(axis=(0, 2))  # bands are within 4 px
-        edges += len(y)
-        even += np.count_nonzero(is_even)
+        edges += np.count_nonzero(is_even)
         rung += np.count_nonzero(is_even & (fall > least) & (fall < 0.15 * contrast))
     # It is a share of .33 and more in reduced drawings, and of at most .1 in others
-    # (docs/decisions/areas.md). Of their edges .44 and more are crisp, at most .3 in enlarged ones.
-    return bool(rung >= max(8, 0.25 * even) and crisp >= 0.35 * edges)
+    # (docs/decisions/areas.md).
+    return bool(rung >= max(8, 0.25 * edges))
 
 
 def without_bands(picture: Floats, most: float = 0.12) -> Floats:

@@ -72,7 +72,7 @@ class PhotoRecord(NamedTuple):
     error_code            class of the error, or "WorkerDied" if the worker died. None if no error
     skipped               True if an earlier run wrote the SVG
     area_count, line_count, node_count  numbers of areas, of lines, and of their nodes
-    sketch                colours of paper and ink if the photo was drawn as a sketch, else None
+    sketch                colours of paper and inks if the photo was drawn as a sketch, else None
     psnr_photo            PSNR in dB against the photo. For a sketch, psnr_svg leaves out its paper
     """
 

@@ -129,11 +129,12 @@ class ByAreas:
         unsure, goal = self._is_lost or outcome.unsure, self._plan.goal
         is_limited = goal.byte_limit < math.inf or self._plan.aim is not None
         # Without a limit, crisp areas are the file of a soft picture, although they have less dB.
-        psnr = outcome.psnr if is_limited and window is not None else self._psnr(outcome)
+        is_soft = window is not None and self._is_as_given
+        unsure |= is_limited and is_soft and not self._plan.prefers_areas
         # With a time limit, no time is left for two searches, and a preset asks for no more.
         enough = math.inf if is_limited else self._plan.preset.stop_psnr - ENOUGH.too_little
         if not (unsure or goal.time_limit or self._run.ended):
-            if psnr < enough:
+            if (psnr := self._psnr(outcome)) < enough:
                 error = self._trials.error_at(psnr)
                 unsure = self._trials.shapes_win(outcome.file.size, error)
             is_far = not is_limited and window is None and outcome.psnr < enough

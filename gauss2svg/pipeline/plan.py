@@ -272,8 +272,8 @@ class Plan:
     def is_budget(self) -> bool:
         """Whether the goal is the best picture within a limit of bytes or seconds.
 
-        It is if a limit is given without a preset, a number of Gaussians or a target. It is False
-        for a portable file, because the additive fit that comes first decides the number of
+        It is True if a limit is given without a preset, a number of Gaussians or a target. It is
+        False for a portable file, because the additive fit that comes first decides the number of
         Gaussians.
         """
         goal, svg = self.goal, self.options.svg

@@ -172,7 +172,10 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
         yield "the SVG is empty, because the photo is too transparent to be visible"
     is_open = not (plan.goal.is_limited or plan.in_inks or plan.sketch or plan.prefers_areas)
     if outcome.found is not None and outcome.found.window is not None:
-        yield "the edges of this picture are soft, and those of its areas are crisp, which costs dB"
+        yield (
+            "the edges of this picture are soft, and those of its areas are crisp, which costs dB. "
+            "For soft edges give --areas never"
+        )
     elif scene.areas and is_open and psnr_photo < SOFT:
         yield "areas and lines are far from this picture. Soft shapes may be closer: --areas never"
     if outcome.plan.markup == MINIMAL != plan.options.svg.markup:
@@ -191,7 +194,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
         why = "because the file has no rounds of soft shapes. Try --areas never"
         yield f"{names} {have} no effect, {why}"
     if plan.sketch:
-        inks = several(plan.sketch.count(","), "ink")
+        inks = "one ink" if (count := plan.sketch.count(",")) == 1 else several(count, "ink")
         yield (
             f"drawn as a sketch: {inks} on paper of one colour. The match is that with the sketch "
             f"without shadows, grain and stains. With them it is {decibels(psnr_photo)}. For these "

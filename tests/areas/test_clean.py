@@ -99,16 +99,35 @@ def test_a_drawing_with_details_of_a_pixel_was_not_doubled():
     assert undoubled(sharp) is sharp
 
 
-@pytest.mark.parametrize("blur", [0.5, 0.6])
-def test_a_drawing_with_soft_edges_is_crisp_when_enlarged(blur):
+STROKES = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 160 120"><path fill="#fff"
+d="M0 0h160v120H0z"/><path d="M20 100L50 20l30 80L45 80M100 100V25l35 70V20" fill="none"
+stroke="#111" stroke-width="{}" stroke-linecap="round" stroke-linejoin="round"/></svg>"""
+
+
+@pytest.mark.parametrize(
+    ("width", "change", "least"),
+    [
+        (12, lambda picture: gaussian_filter(picture, (0.5, 0.5, 0)), 36),
+        (12, lambda picture: gaussian_filter(picture, (0.6, 0.6, 0)), 36),
+        (3, lambda picture: enlarged(picture, 1.5, Image.Resampling.BICUBIC), 28),
+        (3, lambda picture: enlarged(picture, 1.5), 28),
+    ],
+)
+def test_a_drawing_with_soft_edges_is_crisp_when_enlarged(width, change, least):
     """Outlines that followed a blur were serrated, or the picture was drawn as a photo."""
-    letters = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 160 120"><path fill="#fff"
-    d="M0 0h160v120H0z"/><path d="M20 100L50 20l30 80L45 80M100 100V25l35 70V20" fill="none"
-    stroke="#111" stroke-width="12" stroke-linecap="round" stroke-linejoin="round"/></svg>"""
-    soft = gaussian_filter(rasterize(letters, 160, 120), (blur, blur, 0))
-    result = vectorize(np.round(255 * soft).astype(np.uint8))
+    source = STROKES.format(width)
+    soft = np.round(255 * change(rasterize(source, 160, 120))).astype(np.uint8)
+    result = vectorize(soft)
     assert any("soft" in note for note in result.report["notes"])
-    assert psnr(rasterize(result.svg, 640, 480), rasterize(letters, 640, 480)) > 36
+    assert psnr(rasterize(result.svg, 960, 720), rasterize(source, 960, 720)) > least
+
+
+def test_a_limit_of_bytes_is_filled_by_what_is_closer_to_a_soft_picture():
+    picture = gaussian_filter(rasterize(STROKES.format(12), 160, 120), (0.6, 0.6, 0))
+    sizes = [
+        vectorize(picture, max_bytes=9000, areas=a).report["psnr_svg"] for a in ("auto", "never")
+    ]
+    assert sizes[0] > sizes[1] - 0.1
 
 
 def test_an_enlarged_drawing_has_the_areas_of_its_source():
