@@ -30,7 +30,7 @@ from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
 RATE = 4.0  # samples for each px of an outline
-SOFT = 0.6  # most of the error of a drawing that a window leaves if the picture has soft edges
+MOST_LEFT = 0.6  # share of a drawing's error that a window leaves if the picture has soft edges
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 _compose_layers = Kernel(
@@ -222,7 +222,7 @@ class Drawing:
             drawn, part = self.draw(), np.s_[:1024, :1024]  # enough of a large picture
             window = window_between(drawn[part], self.pixels[part])
             soft = np.clip(filtered(drawn, window), 0, 1)
-            if squared(soft - self.pixels) <= SOFT * squared(drawn - self.pixels):
+            if squared(soft - self.pixels) <= MOST_LEFT * squared(drawn - self.pixels):
                 self.window = window
 
     def weigh(self) -> None:

@@ -399,6 +399,7 @@ def test_a_glossy_picture_is_drawn_by_shapes_that_are_closer():
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 96">{soft}<g filter="url(#b)">'
     picture = rasterize(f"{svg}{''.join(shapes)}</g></svg>", 96, 96)
     in_areas = vectorize(picture, areas="always").report["psnr_svg"]
+    # It is 2.8 dB.
     assert vectorize(picture).report["psnr_svg"] > in_areas + 1
 
 

@@ -146,10 +146,14 @@ def test_each_ink_of_a_sketch_keeps_its_colour_and_has_a_pen():
 
 SPOTS = np.where(np.hypot(X - 0.5, Y - 0.4) < 0.15, [0.4, 1.0, 0.5], 1.0)
 COFFEE = np.asarray(Image.fromarray(data.coffee()).resize((WIDTH, HEIGHT)), np.float32) / 255
+PENS = "#aa0000", "#0000aa", "#222222", "#e08000", "#a000c0", "#008040"
 OTHERS = {
     "drawn": in_8_bits(lines()),
     "drawn on a gradient": in_8_bits(lines() * (0.7 + 0.15 * X + 0.2 * Y)),
     "with a coloured area": on_paper(lines() * SPOTS),
+    "in six colours": on_paper(
+        np.select([k / 6 > X for k in range(1, 6)], [lines(c) for c in PENS[:5]], lines(PENS[5]))
+    ),
     "out of focus": ndimage.gaussian_filter(SKETCH, (4, 4, 0)),
     "on black": 1 - SKETCH,
     "without a line": on_paper(np.ones((HEIGHT, WIDTH, 3))),
