@@ -23,9 +23,8 @@ RATE = 0.0012  # squared error that a byte of an area must save
 # Least squared error that a byte of an outline must save, for each unit of the median squared error
 # of pixels along outlines, because nodes that follow antialiasing save some too
 PRICE_OF_SCATTER = 27.0
-PRICE_IF_SOFT = (
-    100.0  # the same if edges are soft, because no window makes the drawing quite as soft
-)
+# The same if edges are soft, because no window makes the drawing quite as soft
+PRICE_IF_SOFT = 100.0
 UNIT = 1 / 32  # px of path data
 STEPS = 20  # steps of refinement before nodes are merged, and after each time that they are
 

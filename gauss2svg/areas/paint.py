@@ -258,19 +258,17 @@ def _split_off_ramps(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
     for k, box in enumerate(find_objects(labels + 1)):
         own = labels[box] == k
         ys, xs = pixels_of(own, box)
-        if not paints[k].is_shaded and np.abs(pixels[ys, xs] - paints[k].color).max() <= EVEN:
-            continue
         if _is_drawn(pixels, ys, xs, paints[k]):
             continue
-        _, first, counts = np.unique(
-            np.round(255 * pixels[ys, xs]), return_index=True, return_counts=True, axis=0
-        )
+        levels = np.round(255 * pixels[ys, xs]).astype(np.int64)
+        codes = levels @ 256 ** np.arange(levels.shape[1])[::-1]
+        _, first, counts = np.unique(codes, return_index=True, return_counts=True)
         even = Paint(pixels[ys, xs][first[counts.argmax()]])
         differs = own & (np.abs(pixels[box] - even.color).max(axis=-1) > EVEN)
         if np.count_nonzero(differs) > (1 - LEAST_EVEN) * len(ys):
             continue
         part, part_boxes = parts_of(differs)
-        names = list[int]()
+        count = len(paints)
         for name, inner in enumerate(part_boxes, 1):
             at = pixels_of(part[inner] == name, inner)
             at = at[0] + box[0].start, at[1] + box[1].start
@@ -278,8 +276,7 @@ def _split_off_ramps(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
             if ramp.is_shaded and _is_drawn(pixels, *at, ramp):
                 labels[at] = len(paints)
                 paints.append(ramp)
-                names.append(name)
-        if names:
+        if len(paints) > count:
             paints[k] = paint_of(pixels, *pixels_of(labels[box] == k, box))
 
 

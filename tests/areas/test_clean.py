@@ -124,10 +124,10 @@ def test_a_drawing_with_soft_edges_is_crisp_when_enlarged(width, change, least):
 
 def test_a_limit_of_bytes_is_filled_by_what_is_closer_to_a_soft_picture():
     picture = gaussian_filter(rasterize(STROKES.format(12), 160, 120), (0.6, 0.6, 0))
-    sizes = [
+    scores = [
         vectorize(picture, max_bytes=9000, areas=a).report["psnr_svg"] for a in ("auto", "never")
     ]
-    assert sizes[0] > sizes[1] - 0.1
+    assert scores[0] > scores[1] - 0.1
 
 
 def test_an_enlarged_drawing_has_the_areas_of_its_source():
