@@ -103,16 +103,20 @@ def _around(points: Floats, by: float) -> tuple[slice, slice]:
 
 
 def with_caps(drawing: Drawing, rate: float) -> list[Layer]:
-    """Return the layers of a drawing, with round ends for the lines to which these are closer."""
+    """Return the layers of a drawing, with round ends for the lines to which these are closer.
+
+    The corners of such a line are round too. No line gets square ends, because butt ends that are
+    farther out cover the same pixels.
+    """
     layers = drawing.current()
     others = [rounded(layer) for layer in layers]
     saved = drawing.focused(_errors(drawing) - _errors(drawing.with_layers(others)))
 
     def gain_of(path: Path, width: float) -> float:
-        """Return by how much the squared error falls near the ends of a line."""
+        """Return by how much the squared error falls near the ends and corners of a line."""
         near = np.zeros(saved.shape, bool)
-        for end in () if path.closed else (path.segments[:1, 0], path.segments[-1:, 3]):
-            near[_around(end, width + 1.5)] = True
+        for place in () if path.closed else [*path.segments[:, :1], path.segments[-1:, 3]]:
+            near[_around(place, width + 1.5)] = True
         return float(saved[near].sum())
 
     chosen = list[Layer]()

@@ -30,7 +30,9 @@ from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
 RATE = 4.0  # samples for each px of an outline
-MOST_LEFT = 0.6  # share of a drawing's error that a window leaves if the picture has soft edges
+# Weight of a window beside its centre from which edges are soft, and share of the error that such a
+# window leaves at most
+LEAST_SOFT, MOST_LEFT = 0.05, 0.95
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 _compose_layers = Kernel(
@@ -222,7 +224,8 @@ class Drawing:
             drawn, part = self.draw(), np.s_[:1024, :1024]  # enough of a large picture
             window = window_between(drawn[part], self.pixels[part])
             soft = np.clip(filtered(drawn, window), 0, 1)
-            if squared(soft - self.pixels) <= MOST_LEFT * squared(drawn - self.pixels):
+            left = squared(soft - self.pixels)
+            if window[1] >= LEAST_SOFT and left <= MOST_LEFT * squared(drawn - self.pixels):
                 self.window = window
 
     def weigh(self) -> None:

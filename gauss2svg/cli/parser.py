@@ -16,9 +16,9 @@ from gauss2svg.pipeline.options import GROUPS, Options
 
 STATUS_SOME_FAILED = 1  # exit status of a command if some photos or runs failed
 _FILES = ("photos", "photo", "svg", "folder")  # fields that are files without an option before them
-# {command: (what it does, arguments that its help shows)}
 _OF_PHOTOS = "PHOTOS -o OUT [OPTIONS]"
 _OF_SOME = "PHOTOS [-o OUT] [OPTIONS]"
+# {command: (what it does, arguments that its help shows)}
 COMMANDS = {
     "batch": ("Vectorise many photos, on all cores.", _OF_PHOTOS),
     "bench": ("Compare settings and other tools in tables and plots.", _OF_PHOTOS),

@@ -59,6 +59,7 @@ GLOSSY = 0.77  # share of two-toned pixels near edges: .56 to .75 in glossy logo
 # Areas of less dB may be farther than shapes alone from a picture of few pixels, as a sprite. In a
 # larger one they are letters and thin lines, which stay crisp.
 FAR, FEW_PIXELS = 32.0, 2**15
+FAR_IF_SOFT = 34.0  # the same of a soft picture, if the areas are made as soft
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 _ANEW = (
     "the start differs from the picture, so its areas were found anew, and edits may be lost. Edit "
@@ -137,8 +138,10 @@ class ByAreas:
             if (psnr := self._psnr(outcome)) < enough:
                 error = self._trials.error_at(psnr)
                 unsure = self._trials.shapes_win(outcome.file.size, error)
-            is_far = not is_limited and window is None and outcome.psnr < enough
-            unsure |= is_far and self._may_be_soft(psnr)
+            if window is None:
+                unsure |= not is_limited and outcome.psnr < enough and self._may_be_soft(psnr)
+            else:
+                unsure |= psnr < FAR_IF_SOFT and math.prod(self._subject.size) <= FEW_PIXELS
         notes = (_ANEW,) if self._is_anew else ()
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:

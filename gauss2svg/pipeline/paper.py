@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
+from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.photo.pixels import LUMA, shrunk
 from gauss2svg.scene.inks import ink_colors, ink_name
 from gauss2svg.without_scipy import nearest_entry, smoothed
@@ -26,6 +27,7 @@ NOISES = 6
 DIRT = 0.1
 QUANTILE = 0.8
 MOST_INKS = 4
+LEAST_INK = 0.25  # darkness of ink, as a share of the light of the paper
 SAME_HUE = 0.3  # largest difference of hues of one ink, as blur and JPEG change them
 RARE = 0.03  # share of the inked pixels that need no ink of their own
 
@@ -72,7 +74,7 @@ def _sketch_of(pixels: Values, most: int) -> tuple[Values, Any, Any] | None:
     small = shrunk(pixels, max(h // times, 1), max(w // times, 1))
     if channels != 3 or not _is_mostly_paper(portable.product(small, LUMA)):
         return None
-    light = _light_of(small)
+    light = _light_of(small, pixels)
     if light is None:
         return None
     from scipy import ndimage  # imported here because few pictures are mostly paper
@@ -138,8 +140,11 @@ def _is_mostly_paper(luma: Values) -> bool:
     return bool(np.median(bright) >= 0.5 and is_paper.mean() >= 0.7)
 
 
-def _light_of(small: Values) -> Values | None:
-    """Return the light (h, w, 3) of uneven paper, or None if the picture shows none."""
+def _light_of(small: Values, pixels: Values) -> Values | None:
+    """Return the light (h, w, 3) of the paper of a picture, or None if it shows none.
+
+    Even paper is that of a drawing, unless the picture has not the edges of one.
+    """
     from scipy import ndimage
 
     from gauss2svg.areas.arrays import dilated
@@ -161,7 +166,7 @@ def _light_of(small: Values) -> Values | None:
     # Gradients that a program drew have at most .23, and even paper has none.
     sums: Any = smoothed(known, 2)[is_paper]
     grain = np.abs(luma[is_paper] - portable.product(sums[:, :3], LUMA) / sums[:, 3])
-    if np.median(grain) < 0.3 * LEVEL:
+    if np.median(grain) < 0.3 * LEVEL and may_have_areas(pixels):
         return None
     # Light from farther away counts little.
     sums = smoothed(known, side / 60) + 0.02 * smoothed(known, side / 10)
@@ -190,7 +195,7 @@ def _is_ink(darkness: Values, noise: float, ink: float) -> bool:
     from gauss2svg.areas.arrays import dilated
 
     is_ink, dirt = darkness > ink / 2, max(NOISES * noise, DIRT)
-    if ink < 0.4:
+    if ink < LEAST_INK:
         return False
     wide: Any = ndimage.distance_transform_edt(is_ink)
     between = np.count_nonzero((darkness > ink / 4) & ~dilated(is_ink, 3, None))

@@ -16,7 +16,7 @@ ink: where as much paper as possible is left between its strokes, both together 
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -38,6 +38,7 @@ from gauss2svg.scene.inks import ink_colors, ink_name, printed_colors
 from gauss2svg.svg import Document, Plotter
 from gauss2svg.svg.element import Element, number
 from gauss2svg.svg.encode import document_svg, layer
+from gauss2svg.without_scipy import nearest_entry
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -123,6 +124,14 @@ class Plot(NamedTuple):
         alt, size = self.document.alt or str(self), f"{self.sheet[0]:g}mm"
         named = dataclasses.replace(self.document, alt=alt, size=size)
         return document_svg(sheet, named, layers, root=root)
+
+
+def plot_of(scene: Scene, report: Mapping[str, Any], plotter: Plotter, document: Document) -> Plot:
+    """Return the scene of a run as strokes. Each ink of the run or of a sketch has a pen."""
+    inks, paper, overprint = (report[key] for key in ("inks", "paper", "overprint"))
+    if (sketch := report["sketch"] or "").count(",") > 1:
+        paper, inks = sketch.split(",", 1)
+    return plotted(scene, plotter, document, inks, paper, overprint)
 
 
 def plotted(
@@ -215,12 +224,8 @@ def _pen_color(ink: Floats) -> str:
 
 def _nearest(colors: Floats, picture: NDArray[np.floating]) -> NDArray[np.intp]:
     """Return the index (..) of the nearest colour to each colour (.., 3) of a picture."""
-    nearest = np.zeros(picture.shape[:-1], np.intp)
-    least = np.full(nearest.shape, np.inf)
-    for k, color in enumerate(colors):  # all at once, they would need too much memory
-        square = ((picture - color) ** 2).sum(axis=-1)
-        nearest, least = np.where(square < least, k, nearest), np.minimum(square, least)
-    return nearest
+    points = np.asarray(picture.reshape(-1, 3), np.float64)
+    return nearest_entry(colors, points)[1].reshape(picture.shape[:-1])
 
 
 def _outlines(

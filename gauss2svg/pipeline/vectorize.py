@@ -101,13 +101,11 @@ class Result:
 
         If the run had inks, each of them has a pen, and so has each ink of a sketch in several.
         """
-        from gauss2svg.pipeline.plot import plotted  # imported here because few runs need it
+        from gauss2svg.pipeline.plot import plot_of  # imported here because few runs need it
 
-        plotter = instance(plotter, "plotter", Plotter)
-        inks, paper, overprint = (self.report[key] for key in ("inks", "paper", "overprint"))
-        if (sketch := self.report["sketch"] or "").count(",") > 1:
-            paper, inks = sketch.split(",", 1)
-        return plotted(self.scene, plotter, self.document, inks, paper, overprint)
+        return plot_of(
+            self.scene, self.report, instance(plotter, "plotter", Plotter), self.document
+        )
 
     def plates(self, cut: bool = False, trap: float = 0.0, marks: bool = False) -> dict[str, str]:
         """Return a dict that has an SVG for each ink, under the ink's #rrggbb.

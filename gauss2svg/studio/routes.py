@@ -302,11 +302,10 @@ async def plot(job: FinishedJob) -> Response:
     path, report = await _written(job, "scene.npz"), job.report or {}
 
     def drawn() -> str:
-        from gauss2svg.pipeline.plot import plotted  # imported here because few runs need it
+        from gauss2svg.pipeline.plot import plot_of  # imported here because few runs need it
 
         document = Document(title=report["title"], alt=report["alt"])
-        inks = [report[key] for key in ("inks", "paper", "overprint")]
-        return plotted(Scene.load(path), Plotter(), document, *inks).svg
+        return plot_of(Scene.load(path), report, Plotter(), document).svg
 
     svg = await asyncio.to_thread(drawn)
     return Response(svg, media_type="image/svg+xml", headers=_attachment(job, "-plot.svg"))

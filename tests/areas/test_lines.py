@@ -98,6 +98,13 @@ def test_ends_are_round_or_butt_as_they_are():
         assert x == pytest.approx(20 - (area.cap == "square") * width / 2, abs=0.35)
 
 
+@pytest.mark.parametrize(("cap", "width"), [("butt", 2), ("round", 3)])
+def test_corners_of_a_line_are_round_or_mitred_as_its_ends_are(cap, width):
+    zigzag = Outline(((10, 100), (40, 20), (64, 100), (90, 20), (118, 100)), (False,) * 4, False)
+    areas = found([Area((zigzag,), INK, width=width, cap=cap)])
+    assert [(area.is_line, area.cap) for area in areas] == [(True, cap)]
+
+
 @pytest.mark.parametrize(("width", "dash", "gap"), [(1.5, 7, 5), (3, 12, 8)])
 def test_dashes_stay_dashes(width, dash, gap):
     way = np.array([np.cos(0.2), np.sin(0.2)])

@@ -128,6 +128,21 @@ def test_uneven_pages_are_sketches(name):
     assert all(is_ink[:, k::4].mean() < 0.2 for k in range(4))
 
 
+def _in_pencil():
+    """Return soft lines of uneven darkness on paper that a scanner has made white."""
+    rng = np.random.default_rng(0)
+    dark = ndimage.gaussian_filter((1 - lines("#000")) * rng.uniform(0.3, 0.9, X.shape), (1, 1, 0))
+    return in_8_bits(1 - dark + rng.normal(0, 0.0025, X.shape))
+
+
+@pytest.mark.parametrize("name", ["pale", "white paper"])
+def test_pencil_is_a_sketch(name):
+    sketch = on_paper(lines("#b4b0aa"), grain=0.005) if name == "pale" else _in_pencil()
+    picture = evened(sketch, sketch, None)[0]
+    ink = (picture - picture.max(axis=(0, 1))) / np.ptp(picture, axis=(0, 1))
+    assert psnr(1 + ink, lines("#000")) > 17
+
+
 def test_each_ink_of_a_sketch_keeps_its_colour_and_has_a_pen():
     colors = "#aa0000", "#0000aa", "#222222"
     thirds = np.select([X < 0.35, X < 0.65], [lines(colors[0]), lines(colors[1])], lines(colors[2]))
