@@ -29,7 +29,7 @@ from scipy import ndimage
 from gauss2svg import portable
 from gauss2svg.areas import arrays
 from gauss2svg.areas.arrays import BLOCK, LEVEL, Bools, Floats, Ints, dilated
-from gauss2svg.areas.paint import GOOD, paint_of
+from gauss2svg.areas.paint import GOOD, opacity_of, paint_of
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, renamed, spread_of
 from gauss2svg.areas.texture import TWO_TONED, is_shaded, two_toned
 from gauss2svg.core import Kernel
@@ -298,6 +298,9 @@ def without_shading(pixels: Floats) -> Floats:
         _, first, count = np.unique(levels, return_index=True, return_counts=True)
         if count.max() >= 0.25 * len(ys):  # the colour below the shading
             even = np.broadcast_to(values[first[count.argmax()]], values.shape)
+        elif (opacity := opacity_of(values.T)).min() < 0.5 * opacity.max():
+            # Gaussians above and below only add opacity.
+            even = np.broadcast_to(values[opacity.argmin()], values.shape)
         else:
             even = paint_of(pixels, ys, xs).at(xs, ys)
         change = np.zeros_like(result)

@@ -79,9 +79,15 @@ class Paint:
         return np.concatenate([shades] * (len(self.color) // 3), axis=-1)
 
 
-def opacity_of(color: Floats) -> float:
-    """Return the opacity of a colour (c,). That of one with three channels is 1."""
-    return 1.0 if len(color) == 3 else float(np.clip(1 - (color[3:] - color[:3]).mean(), 0, 1))
+def opacity_of(color: Floats) -> Floats:
+    """Return the opacity (..) of colours (c, ..), 1 if they have three channels.
+
+    Those with six are what shows over black and over white. A clear colour shows both.
+    """
+    over_black, over_white = color[:3], color[3:]
+    if not len(over_white):
+        return np.ones(color.shape[1:])
+    return np.clip(1 - (over_white - over_black).mean(axis=0), 0, 1)
 
 
 def paint_of(pixels: Floats, ys: Ints, xs: Ints) -> Paint:

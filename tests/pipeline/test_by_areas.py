@@ -350,6 +350,17 @@ def test_a_glow_around_letters_is_no_noise_of_jpeg():
     assert result.report["area_count"] < 20
 
 
+def test_a_shadow_on_a_transparent_page_leaves_no_veil():
+    shadow, color = np.zeros((96, 128)), np.zeros((96, 128, 3))
+    shadow[24:80, 20:108] = 0.7
+    alpha = ndimage.gaussian_filter(shadow, 8)
+    alpha[22:74, 22:106] = color[22:74, 22:106] = 1
+    color[30:40, 30:70], color[50:66, 60:96] = (0.8, 0.1, 0.1), (0.1, 0.3, 0.7)
+    result = vectorize(np.float32(np.round(255 * np.dstack([color, alpha])) / 255))
+    assert np.abs(result.raster[..., 3] - alpha)[[0, -1]].max() < 0.03
+    assert result.report["psnr_svg_alpha"] > 39
+
+
 def test_cairo_draws_the_gradients_of_a_large_drawing():
     rows = np.linspace(0, 1, 400)[:, None]
     sky = np.stack([0.2 + 0.6 * rows, 0.3 + 0.2 * rows, 0.9 - 0.5 * rows], axis=-1)
