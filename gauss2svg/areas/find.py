@@ -114,7 +114,7 @@ def refined(
     # In larger pictures, first outlines are off by a smaller part of what is seen.
     share = min(1.0, 320 / math.sqrt(math.prod(drawing.shape[:2])))
     steps, later = round(share * steps), max(6, round(share * STEPS))
-    whole, done = steps + 3 * later, 0
+    whole, done = steps + 4 * later, 0
 
     def so_far() -> FoundAreas:
         """Return the areas as they are now."""
@@ -137,7 +137,12 @@ def refined(
         drawing.refine(count, on_step=on_step)
         done += count
 
+    first = drawing.layers
     refine(steps)
+    layers = merge.without_cusps(drawing.current(), first)
+    if layers is not None:
+        drawing = drawing.with_layers(layers)
+        refine(later)
     for _ in range(2):
         price = rate
         if drawing.window is not None:

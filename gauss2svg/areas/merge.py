@@ -19,6 +19,7 @@ from gauss2svg.areas.refine import Drawing, Layer
 BYTES_OF_AREA, BYTES_OF_LINE, BYTES_OF_ROUND = 20.0, 50.0, 44.0
 BEND_RAD = np.radians(30)  # least fall of the sum of all turns without a kink
 SHORT_PX = 3.0  # most length of the shorter segment beside a kink
+CUSP_RAD, NO_CUSP_RAD = np.radians(160), np.radians(140)  # turns at a node that became a cusp
 MOST_RISE = 0.03  # largest rise of the squared error around a kink that is left out
 
 
@@ -159,6 +160,32 @@ def _shortened(path: Path, by: float) -> Path:
     return path._replace(segments=segments)
 
 
+def without_cusps(layers: list[Layer], before: list[Layer]) -> list[Layer] | None:
+    """Return layers in which paths that got cusps are as they were before they were refined.
+
+    At a cusp, an outline turns back. Small letters have them as spikes, where their first outlines
+    cross themselves. Return None if no path got one.
+    """
+    result, has_cusps = list[Layer](), False
+    for layer, old in zip(layers, before, strict=True):
+        paths = []
+        for new, first in zip(layer.paths, old.paths, strict=True):
+            turns, earlier = (outlines.angles_of(*_ways(path)) for path in (new, first))
+            is_cusped = new.closed and ((turns > CUSP_RAD) & (earlier < NO_CUSP_RAD)).any()
+            has_cusps |= bool(is_cusped)
+            paths.append(first if is_cusped else new)
+        result.append(layer.replace(paths))
+    return result if has_cusps else None
+
+
+def _ways(path: Path) -> tuple[Floats, Floats]:
+    """Return the directions (k, 2) in which a closed path reaches its nodes and leaves them."""
+    segments, curved = path.segments, path.curved[:, None]
+    starts = np.where(curved, segments[:, 1], segments[:, 3]) - segments[:, 0]
+    ends = segments[:, 3] - np.where(curved, segments[:, 2], segments[:, 0])
+    return np.roll(ends, 1, axis=0), starts
+
+
 class Kink(NamedTuple):
     """A kink of a path: its segment, the curve (4, 2) in place of both beside it, and its place."""
 
@@ -203,8 +230,7 @@ def kinks_of(path: Path) -> list[Kink]:
     if not path.closed:
         return []
     segments, curved, count = path.segments, path.curved, len(path.curved)
-    starts = np.where(curved[:, None], segments[:, 1], segments[:, 3]) - segments[:, 0]
-    ends = segments[:, 3] - np.where(curved[:, None], segments[:, 2], segments[:, 0])
+    ends, starts = _ways(path)
     length = portable.hypot(*(segments[:, 3] - segments[:, 0]).T)
     is_short = np.minimum(length, np.roll(length, 1)) <= SHORT_PX
     found = list[tuple[float, Kink]]()
@@ -215,7 +241,7 @@ def kinks_of(path: Path) -> list[Kink]:
         curve = outlines.fitted_curve(points)
         new = outlines.sampled(curve[None], np.ones(1, bool), np.full(1, 24))
         new = np.vstack([new, curve[3]])
-        around = ends[k - 2], starts[(k + 1) % count]
+        around = ends[k - 1], starts[(k + 1) % count]
         bend = _bend(points, *around) - _bend(new, *around)
         if bend > BEND_RAD:
             found.append((bend, Kink(int(k), curve, segments[k, 0])))

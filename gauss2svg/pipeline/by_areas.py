@@ -57,9 +57,9 @@ STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the 
 FEWER = 0.8
 GLOSSY = 0.77  # share of two-toned pixels near edges: .56 to .75 in glossy logos, .8 in flat ones
 # Areas of less dB may be farther than shapes alone from a picture of few pixels, as a sprite. In a
-# larger one they are letters and thin lines, which stay crisp.
-FAR, FEW_PIXELS = 32.0, 2**15
-FAR_IF_SOFT = 34.0  # the same of a soft picture, if the areas are made as soft
+# larger one they are letters and thin lines, which stay crisp, unless they are TOO_FAR.
+FAR, TOO_FAR, FEW_PIXELS = 32.0, 26.0, 2**15
+FAR_IF_SOFT = 34.0  # the same of a soft picture of any size, if the areas are made as soft
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 _ANEW = (
     "the start differs from the picture, so its areas were found anew, and edits may be lost. Edit "
@@ -141,7 +141,7 @@ class ByAreas:
             if window is None:
                 unsure |= not is_limited and outcome.psnr < enough and self._may_be_soft(psnr)
             else:
-                unsure |= psnr < FAR_IF_SOFT and math.prod(self._subject.size) <= FEW_PIXELS
+                unsure |= psnr < FAR_IF_SOFT
         notes = (_ANEW,) if self._is_anew else ()
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
@@ -259,7 +259,7 @@ class ByAreas:
         """
         if self._plan.prefers_areas or self._quality is not None or self._inks:
             return False
-        if psnr < FAR and math.prod(self._subject.size) <= FEW_PIXELS:
+        if psnr < (FAR if math.prod(self._subject.size) <= FEW_PIXELS else TOO_FAR):
             return True
         if is_flat(self._noisy):
             return False

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gauss2svg.areas.merge import without_kinks
+from gauss2svg.areas.merge import without_cusps, without_kinks
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
@@ -147,6 +147,20 @@ def test_the_corners_of_a_small_star_stay():
     drawing = picture_of(curves, [True] * 10, svg)
     (layer,) = without_kinks(drawing)
     assert len(layer.paths[0].curved) == 10
+
+
+def test_an_outline_that_got_a_cusp_is_as_it_was_before():
+    bar = line((10, 10), (50, 10), (50, 30), (10, 30), (10, 10))
+    (layer,) = picture_of(bar, [False] * 4, PICTURE.format(40)).layers
+
+    def moved(*ends):
+        nodes = line((10, 10), (50, 10), *ends, (10, 10))
+        return layer.replace([layer.paths[0]._replace(segments=np.array(nodes))])
+
+    sharp, other = moved((50, 38), (46, 12)), moved((50, 38), (20, 28))
+    assert without_cusps([other, sharp], [layer, sharp]) is None
+    layers = without_cusps([other, sharp], [layer, layer])
+    assert [one.paths[0] for one in layers] == [other.paths[0], layer.paths[0]]
 
 
 def test_colours_of_large_areas_are_exact():
