@@ -50,6 +50,7 @@ from gauss2svg.svg.write import ordered_svg
 # Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
 # that is left along outlines save squared error too.
 PRICE_OF_NOISE = 2.5 * 255
+PRICE_OF_SKETCH = 4.0  # the same for sketches, because grain and stairs of pixels are left
 STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the rate
 # A picture is searched without its shading only if it then has less than this share of the areas. A
 # start keeps its nodes unless its file without those that do not pay has less than this share of
@@ -103,7 +104,7 @@ class ByAreas:
         if start is not None and plan.in_inks:
             areas = changes.areas_in_inks(start.areas, str(plan.options.fit.inks))
             start = start.select([]).replace(areas=areas)
-        self._rate = RATE * max(1.0, PRICE_OF_NOISE * self._noise)
+        self._rate = RATE * max(PRICE_OF_SKETCH if plan.sketch else 1, PRICE_OF_NOISE * self._noise)
         subject = dataclasses.replace(subject, working=working, start=start)
         self._plan, self._subject, self._run = plan, subject, run
         # Scene on the working canvas whose unchanged areas stay as they are

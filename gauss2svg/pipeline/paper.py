@@ -7,12 +7,14 @@ stains, which nobody wants in a drawing:
     -> darkness, as a share of the light -> ink, from half of its full darkness on
 """
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
+from gauss2svg.areas.pixels import sprite_of
 from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.photo.pixels import LUMA, shrunk
 from gauss2svg.scene.inks import ink_colors, ink_name
@@ -27,6 +29,8 @@ NOISES = 6
 DIRT = 0.1
 QUANTILE = 0.8
 MOST_INKS = 4
+LEAST_SCAN = 2**16  # pixels of a scan in two colours. A smaller picture is pixel art
+STAIRS = 1.0  # standard deviation in px of the blur that makes stairs even
 LEAST_INK = 0.25  # darkness of ink, as a share of the light of the paper
 SAME_HUE = 0.3  # largest difference of hues of one ink, as blur and JPEG change them
 RARE = 0.03  # share of the inked pixels that need no ink of their own
@@ -43,7 +47,7 @@ def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Value
     Return None if the picture is no sketch on paper.
     """
     most = MOST_INKS if inks is None else 1
-    sketch = _sketch_of(working, most)
+    sketch = _scan_of(working) or _sketch_of(working, most)
     larger = sketch if pixels is working or sketch is None else _sketch_of(pixels, most)
     if sketch is None or larger is None:
         return None
@@ -58,6 +62,24 @@ def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Value
         for covered, ink in ((larger[0], nearest[larger[1]]), sketch[:2])
     )
     return picture, picture if larger is sketch else fitted, ",".join(map(ink_name, colors))
+
+
+def _scan_of(pixels: Values) -> tuple[Values, Any, Any] | None:
+    """Return what `_sketch_of` does for a scan in two colours, whose edges are stairs of pixels.
+
+    In pixel art and in hatching, smooth edges would be elsewhere. That is no scan.
+    """
+    shape, channels = pixels.shape[:2], pixels.shape[2]
+    colors = np.array([pixels.max(axis=(0, 1)), pixels.min(axis=(0, 1))])
+    is_paper, is_ink = ((pixels == color).all(axis=2) for color in colors)
+    if math.prod(shape) < LEAST_SCAN or channels != 3 or not (is_paper | is_ink).all():
+        return None
+    smooth = smoothed(is_ink.astype(np.float32), STAIRS)
+    edges = np.count_nonzero(np.diff(is_ink)) + np.count_nonzero(np.diff(is_ink, axis=0))
+    side = getattr(sprite_of(pixels), "side", 1)
+    if side > 1 or np.count_nonzero((smooth > 0.5) != is_ink) > 0.1 * edges:
+        return None
+    return _crisp(smooth - 0.5), np.ones(shape, np.int64), colors
 
 
 def _sketch_of(pixels: Values, most: int) -> tuple[Values, Any, Any] | None:
@@ -219,6 +241,17 @@ def _covered(darkness: Values, noise: float, ink: float) -> Values:
     own: Any = smoothed(highest, 1)
     rim = ink / 2 * np.minimum(own / (0.75 * ink), 1)
     above = np.where(own > max(NOISES * noise, DIRT), darkness - rim, -ink)
+    covered = _crisp(above)
+    labels, _ = parts_of(covered > 0)
+    sizes = np.bincount(labels.ravel(), covered.ravel())
+    own = np.bincount(labels.ravel(), (own * covered).ravel()) / np.maximum(sizes, 1e-9)
+    return np.where((sizes >= 1) & (own >= 0.4 * ink), 1, 0)[labels] * covered
+
+
+def _crisp(above: Values) -> Values:
+    """Return which share (h, w) of each pixel lies where values are above 0, by cubic splines."""
+    from scipy import ndimage
+
     ends: Any = (ndimage.maximum_filter(above, 3) > 0) & (ndimage.minimum_filter(above, 3) <= 0)
     covered: Any = (above > 0).astype(np.float32)
     spline: Any = ndimage.spline_filter(above, mode="nearest")
@@ -230,7 +263,4 @@ def _covered(darkness: Values, noise: float, ink: float) -> Values:
             spline, some[..., None] + within, mode="nearest", prefilter=False
         )
         covered[tuple(some)] = (fine > 0).mean(axis=1)
-    labels, _ = parts_of(covered > 0)
-    sizes = np.bincount(labels.ravel(), covered.ravel())
-    own = np.bincount(labels.ravel(), (own * covered).ravel()) / np.maximum(sizes, 1e-9)
-    return np.where((sizes >= 1) & (own >= 0.4 * ink), 1, 0)[labels] * covered
+    return covered

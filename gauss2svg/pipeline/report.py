@@ -197,8 +197,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome, psnr_photo: float) -> Ite
         inks = "one ink" if (count := plan.sketch.count(",")) == 1 else several(count, "ink")
         yield (
             f"drawn as a sketch: {inks} on paper of one colour. The match is that with the sketch "
-            f"without shadows, grain and stains. With them it is {decibels(psnr_photo)}. For these "
-            "give --areas never"
+            "without shadows, grain and stains, and without stairs of pixels. With them it is "
+            f"{decibels(psnr_photo)}. For these give --areas never"
         )
     if printed := _printed(plan):
         used = [*inks_in(scene, *printed), printed[1]]

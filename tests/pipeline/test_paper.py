@@ -143,6 +143,14 @@ def test_pencil_is_a_sketch(name):
     assert psnr(1 + ink, lines("#000")) > 17
 
 
+def test_a_scan_in_two_colours_has_smooth_edges():
+    """Drawn as pixel art, its enlarged lines were stairs."""
+    source = lines("#000")
+    result = vectorize(np.float32(source > 0.5))
+    smooth = psnr(rasterize(result.svg, WIDTH, HEIGHT), source)
+    assert smooth > psnr(np.float32(source > 0.5), source) + 2
+
+
 def test_each_ink_of_a_sketch_keeps_its_colour_and_has_a_pen():
     colors = "#aa0000", "#0000aa", "#222222"
     thirds = np.select([X < 0.35, X < 0.65], [lines(colors[0]), lines(colors[1])], lines(colors[2]))
@@ -174,6 +182,9 @@ OTHERS = {
     "without a line": on_paper(np.ones((HEIGHT, WIDTH, 3))),
     "on a photo": np.minimum(lines(), COFFEE),
     "with alpha": np.dstack([SKETCH, X]),
+    "pixel art": (lines("#000") > 0.5)[::4, ::4].repeat(4, axis=0).repeat(4, axis=1)
+    * np.float32(1),
+    "hatched": np.float32((np.indices(X.shape)[:2].sum(axis=0) % 3 > 0) | (lines("#000") > 0.5)),
     "a ball": ball(256),
     "a badge": antialiased_badge(256),
 }
