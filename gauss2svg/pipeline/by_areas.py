@@ -33,7 +33,7 @@ from gauss2svg.areas.texture import is_flat, is_shaded, two_toned, undoubled
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import model_psnr
-from gauss2svg.photo.pixels import has_alpha, over
+from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline import found as changes
 from gauss2svg.pipeline.by_count import ENOUGH, ByCount
 from gauss2svg.pipeline.found import SEEN_UP_TO, Trial, Trials, nothing, scene_of
@@ -248,9 +248,10 @@ class ByAreas:
         working = self._subject.working
         if found is None or found.window is None:
             return model_psnr(scene, working, self._subject.weight(working))
-        draw = render_rgba if has_alpha(working) else render
-        drawn = filtered(find.channels_of(draw(scene, *self._subject.size)), found.window)
-        return metrics.psnr(drawn, find.channels_of(working))
+        picture, size = find.channels_of(working), self._subject.size
+        is_opaque = picture.shape[2] == 3
+        drawn = render(scene, *size) if is_opaque else find.both_views(render_rgba(scene, *size))
+        return metrics.psnr(filtered(drawn, found.window), picture)
 
     def _may_be_soft(self, psnr: float) -> bool:
         """Return whether areas of this PSNR in dB are far from a small picture, or one is glossy.

@@ -122,6 +122,13 @@ def test_a_drawing_with_soft_edges_is_crisp_when_enlarged(width, change, least):
     assert psnr(rasterize(result.svg, 960, 720), rasterize(source, 960, 720)) > least
 
 
+def test_a_soft_picture_may_have_a_transparent_pixel():
+    """Its areas are opaque, unlike the picture with which they are compared."""
+    picture = gaussian_filter(rasterize(STROKES.format(12), 160, 120, alpha=True), (0.6, 0.6, 0))
+    picture[0, 0, 3] = 0.5
+    assert vectorize(picture).report["area_count"] > 0
+
+
 def test_a_limit_of_bytes_is_filled_by_what_is_closer_to_a_soft_picture():
     picture = gaussian_filter(rasterize(STROKES.format(12), 160, 120), (0.6, 0.6, 0))
     scores = [
