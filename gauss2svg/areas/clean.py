@@ -298,9 +298,10 @@ def without_shading(pixels: Floats) -> Floats:
         _, first, count = np.unique(levels, return_index=True, return_counts=True)
         if count.max() >= 0.25 * len(ys):  # the colour below the shading
             even = np.broadcast_to(values[first[count.argmax()]], values.shape)
-        elif (opacity := opacity_of(values.T)).min() < 0.5 * opacity.max():
+        elif (opacity := opacity_of(values.T)).min() < 0.05 and opacity.max() > 0.1:
             # Gaussians above and below only add opacity.
-            even = np.broadcast_to(values[opacity.argmin()], values.shape)
+            clearest = values[opacity <= np.quantile(opacity, 0.01)]
+            even = np.broadcast_to(clearest.mean(axis=0), values.shape)
         else:
             even = paint_of(pixels, ys, xs).at(xs, ys)
         change = np.zeros_like(result)

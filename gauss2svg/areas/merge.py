@@ -160,20 +160,20 @@ def _shortened(path: Path, by: float) -> Path:
     return path._replace(segments=segments)
 
 
-def without_cusps(layers: list[Layer], before: list[Layer]) -> list[Layer] | None:
+def without_cusps(layers: list[Layer], earlier: list[Layer]) -> list[Layer] | None:
     """Return layers in which paths that got cusps are as they were before they were refined.
 
     At a cusp, an outline turns back. Small letters have them as spikes, where their first outlines
     cross themselves. Return None if no path got one.
     """
     result, has_cusps = list[Layer](), False
-    for layer, old in zip(layers, before, strict=True):
+    for layer, old_layer in zip(layers, earlier, strict=True):
         paths = []
-        for new, first in zip(layer.paths, old.paths, strict=True):
-            turns, earlier = (outlines.angles_of(*_ways(path)) for path in (new, first))
-            is_cusped = new.closed and ((turns > CUSP_RAD) & (earlier < NO_CUSP_RAD)).any()
+        for path, old in zip(layer.paths, old_layer.paths, strict=True):
+            turns, old_turns = (outlines.angles_of(*_ways(one)) for one in (path, old))
+            is_cusped = path.closed and ((turns > CUSP_RAD) & (old_turns < NO_CUSP_RAD)).any()
             has_cusps |= bool(is_cusped)
-            paths.append(first if is_cusped else new)
+            paths.append(old if is_cusped else path)
         result.append(layer.replace(paths))
     return result if has_cusps else None
 

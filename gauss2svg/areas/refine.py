@@ -30,9 +30,8 @@ from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
 RATE = 4.0  # samples for each px of an outline
-# Weight of a window beside its centre from which edges are soft, and share of the error that such a
-# window leaves at most
-LEAST_SOFT, MOST_LEFT = 0.05, 0.95
+LEAST_SOFT = 0.05  # weight beside the centre of a window from which edges are soft
+MOST_LEFT = 0.95  # largest share of the error that the window of a soft picture leaves
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 _compose_layers = Kernel(

@@ -58,9 +58,9 @@ STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the 
 FEWER = 0.8
 GLOSSY = 0.77  # share of two-toned pixels near edges: .56 to .75 in glossy logos, .8 in flat ones
 # Areas of less dB may be farther than shapes alone from a picture of few pixels, as a sprite. In a
-# larger one they are letters and thin lines, which stay crisp, unless they are TOO_FAR.
+# larger one they are letters and thin lines, which stay crisp, unless they have less than TOO_FAR.
 FAR, TOO_FAR, FEW_PIXELS = 32.0, 26.0, 2**15
-FAR_IF_SOFT = 34.0  # the same of a soft picture of any size, if the areas are made as soft
+FAR_IF_SOFT = 34.0  # the same in dB of a soft picture of any size, if the areas are made as soft
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 _ANEW = (
     "the start differs from the picture, so its areas were found anew, and edits may be lost. Edit "
@@ -142,7 +142,7 @@ class ByAreas:
             if window is None:
                 unsure |= not is_limited and outcome.psnr < enough and self._may_be_soft(psnr)
             else:
-                unsure |= psnr < FAR_IF_SOFT
+                unsure |= psnr < FAR_IF_SOFT and not (self._plan.prefers_areas or self._inks)
         notes = (_ANEW,) if self._is_anew else ()
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:

@@ -1,10 +1,12 @@
 """Sketches on paper. This module recognises them, and evens their paper out.
 
-A sketch is thin dark ink on bright paper. A photo or a scan of it has uneven light, grain and
+A sketch is thin ink or pencil on bright paper. A photo or a scan of it has uneven light, grain and
 stains, which nobody wants in a drawing:
 
     picture -> paper, which is what is nearly as bright as the brightest nearby -> its light
     -> darkness, as a share of the light -> ink, from half of its full darkness on
+
+A scan in two colours has stairs of pixels, which are made smooth.
 """
 
 import math
@@ -30,8 +32,10 @@ DIRT = 0.1
 QUANTILE = 0.8
 MOST_INKS = 4
 LEAST_SCAN = 2**16  # pixels of a scan in two colours. A smaller picture is pixel art
-STAIRS = 1.0  # standard deviation in px of the blur that makes stairs even
-LEAST_INK = 0.25  # darkness of ink, as a share of the light of the paper
+STAIRS = 1.0  # standard deviation in px of the blur that makes stairs smooth
+MOST_STAIR = 4  # connected px that it moves to the other colour at a stair. More are a line
+# Darkness of ink, as a share of the paper's light. Pencil may be paler, but makes no crisp edges.
+LEAST_INK, LEAST_PENCIL = 0.4, 0.25
 SAME_HUE = 0.3  # largest difference of hues of one ink, as blur and JPEG change them
 RARE = 0.03  # share of the inked pixels that need no ink of their own
 
@@ -48,7 +52,9 @@ def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Value
     """
     most = MOST_INKS if inks is None else 1
     sketch = _scan_of(working) or _sketch_of(working, most)
-    larger = sketch if pixels is working or sketch is None else _sketch_of(pixels, most)
+    larger = sketch
+    if sketch is not None and pixels is not working:
+        larger = _scan_of(pixels) or _sketch_of(pixels, most)
     if sketch is None or larger is None:
         return None
     colors = sketch[2]
@@ -65,21 +71,26 @@ def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Value
 
 
 def _scan_of(pixels: Values) -> tuple[Values, Any, Any] | None:
-    """Return what `_sketch_of` does for a scan in two colours, whose edges are stairs of pixels.
+    """Return the shares, inks and colours of a scan in two colours, or None if it is no such scan.
 
-    In pixel art and in hatching, smooth edges would be elsewhere. That is no scan.
+    Its edges are smooth. In pixel art and in hatching, they would be elsewhere. That is no scan.
     """
+    from gauss2svg.areas.arrays import dilated, parts_of
+
     shape, channels = pixels.shape[:2], pixels.shape[2]
     colors = np.array([pixels.max(axis=(0, 1)), pixels.min(axis=(0, 1))])
     is_paper, is_ink = ((pixels == color).all(axis=2) for color in colors)
-    if math.prod(shape) < LEAST_SCAN or channels != 3 or not (is_paper | is_ink).all():
+    if math.prod(shape) < LEAST_SCAN or channels != 3 or not (is_paper ^ is_ink).all():
         return None
     smooth = smoothed(is_ink.astype(np.float32), STAIRS)
     edges = np.count_nonzero(np.diff(is_ink)) + np.count_nonzero(np.diff(is_ink, axis=0))
-    side = getattr(sprite_of(pixels), "side", 1)
-    if side > 1 or np.count_nonzero((smooth > 0.5) != is_ink) > 0.1 * edges:
+    moved = (smooth > 0.5) != is_ink
+    if getattr(sprite_of(pixels), "side", 1) > 1 or np.count_nonzero(moved) > 0.1 * edges:
         return None
-    return _crisp(smooth - 0.5), np.ones(shape, np.int64), colors
+    # Lines of 1 px would be lost, so they stay as they are.
+    labels, _ = parts_of(moved)
+    is_line = (np.bincount(labels.ravel()) > MOST_STAIR)[labels] & moved
+    return _crisp(np.where(dilated(is_line), is_ink, smooth) - 0.5), np.ones(shape, int), colors
 
 
 def _sketch_of(pixels: Values, most: int) -> tuple[Values, Any, Any] | None:
@@ -96,7 +107,8 @@ def _sketch_of(pixels: Values, most: int) -> tuple[Values, Any, Any] | None:
     small = shrunk(pixels, max(h // times, 1), max(w // times, 1))
     if channels != 3 or not _is_mostly_paper(portable.product(small, LUMA)):
         return None
-    light = _light_of(small, pixels)
+    is_drawn = may_have_areas(pixels)
+    light = _light_of(small, is_drawn)
     if light is None:
         return None
     from scipy import ndimage  # imported here because few pictures are mostly paper
@@ -107,7 +119,7 @@ def _sketch_of(pixels: Values, most: int) -> tuple[Values, Any, Any] | None:
     darkness = dark.max(axis=2)  # coloured ink is bright in one channel
     darkness -= np.median(darkness)
     noise, ink = _noise_and_ink(darkness)
-    if not _is_ink(darkness, noise, ink):
+    if ink < (LEAST_INK if is_drawn else LEAST_PENCIL) or not _is_ink(darkness, noise, ink):
         return None
     # What of the light of each channel ink takes, as a share of what it takes of the darkest one.
     # It is the same at edges, where ink mixes with paper.
@@ -162,10 +174,10 @@ def _is_mostly_paper(luma: Values) -> bool:
     return bool(np.median(bright) >= 0.5 and is_paper.mean() >= 0.7)
 
 
-def _light_of(small: Values, pixels: Values) -> Values | None:
+def _light_of(small: Values, is_drawn: bool) -> Values | None:
     """Return the light (h, w, 3) of the paper of a picture, or None if it shows none.
 
-    Even paper is that of a drawing, unless the picture has not the edges of one.
+    is_drawn  whether the picture has the edges of a drawing. Then paper without grain is none
     """
     from scipy import ndimage
 
@@ -188,7 +200,8 @@ def _light_of(small: Values, pixels: Values) -> Values | None:
     # Gradients that a program drew have at most .23, and even paper has none.
     sums: Any = smoothed(known, 2)[is_paper]
     grain = np.abs(luma[is_paper] - portable.product(sums[:, :3], LUMA) / sums[:, 3])
-    if np.median(grain) < 0.3 * LEVEL and may_have_areas(pixels):
+    has_grain = np.median(grain) >= 0.3 * LEVEL
+    if not has_grain and is_drawn:
         return None
     # Light from farther away counts little.
     sums = smoothed(known, side / 60) + 0.02 * smoothed(known, side / 10)
@@ -196,7 +209,9 @@ def _light_of(small: Values, pixels: Values) -> Values | None:
     hues = light / np.maximum(light.mean(axis=2, keepdims=True), LEVEL)
     tint = np.median(hues, axis=(0, 1))
     is_white = np.ptp(tint) <= 0.3 and hues.std(axis=(0, 1)).max() <= 0.05
-    return light if is_white else None
+    # Pale areas of a cartoon are no shadows, which paper with grain may have.
+    is_even = light.min() >= 0.96 * light.max()
+    return light if is_white and (has_grain or is_even) else None
 
 
 def _noise_and_ink(darkness: Values) -> tuple[float, float]:
@@ -210,14 +225,14 @@ def _is_ink(darkness: Values, noise: float, ink: float) -> bool:
     """Return whether what is dark is the ink of a sketch: dark, thin, and clear of the paper.
 
     Few pixels over 3 px away from ink have over a quarter of its darkness, and few are brighter
-    than paper.
+    than paper. A tenth of a plot with grey lines, its axes, is much darker than the others.
     """
     from scipy import ndimage
 
     from gauss2svg.areas.arrays import dilated
 
     is_ink, dirt = darkness > ink / 2, max(NOISES * noise, DIRT)
-    if ink < LEAST_INK:
+    if not is_ink.any() or np.quantile(darkness[is_ink], 0.9) > 1.7 * ink:
         return False
     wide: Any = ndimage.distance_transform_edt(is_ink)
     between = np.count_nonzero((darkness > ink / 4) & ~dilated(is_ink, 3, None))
