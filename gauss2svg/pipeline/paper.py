@@ -82,7 +82,7 @@ def _scan_of(pixels: Values) -> tuple[Values, Any, Any] | None:
     is_paper, is_ink = ((pixels == color).all(axis=2) for color in colors)
     if math.prod(shape) < LEAST_SCAN or channels != 3 or not (is_paper ^ is_ink).all():
         return None
-    smooth = smoothed(is_ink.astype(np.float32), STAIRS)
+    smooth: Any = smoothed(is_ink.astype(np.float32), STAIRS)
     edges = np.count_nonzero(np.diff(is_ink)) + np.count_nonzero(np.diff(is_ink, axis=0))
     moved = (smooth > 0.5) != is_ink
     if getattr(sprite_of(pixels), "side", 1) > 1 or np.count_nonzero(moved) > 0.1 * edges:
@@ -90,7 +90,8 @@ def _scan_of(pixels: Values) -> tuple[Values, Any, Any] | None:
     # Lines of 1 px would be lost, so they stay as they are.
     labels, _ = parts_of(moved)
     is_line = (np.bincount(labels.ravel()) > MOST_STAIR)[labels] & moved
-    return _crisp(np.where(dilated(is_line), is_ink, smooth) - 0.5), np.ones(shape, int), colors
+    smooth[dilated(is_line)] = is_ink[dilated(is_line)]
+    return _crisp(smooth - 0.5), np.ones(shape, int), colors
 
 
 def _sketch_of(pixels: Values, most: int) -> tuple[Values, Any, Any] | None:

@@ -146,7 +146,7 @@ def test_pencil_is_a_sketch(name):
 
 
 def test_a_scan_in_two_colours_has_smooth_edges():
-    """Drawn as pixel art, its enlarged lines were stairs. Without a line of 1 px, it has no rule."""
+    """Drawn as pixel art, its enlarged lines were stairs. Blurred, it had no lines of 1 px."""
     source = lines("#000")
     source[-20, 30:90] = 0
     result = vectorize(np.float32(source > 0.5))
