@@ -75,13 +75,13 @@ def _scan_of(pixels: Values) -> tuple[Values, Any, Any] | None:
 
     Its edges are smooth. In pixel art and in hatching, they would be elsewhere. That is no scan.
     """
-    from gauss2svg.areas.arrays import dilated, parts_of
-
     shape, channels = pixels.shape[:2], pixels.shape[2]
     colors = np.array([pixels.max(axis=(0, 1)), pixels.min(axis=(0, 1))])
     is_paper, is_ink = ((pixels == color).all(axis=2) for color in colors)
     if math.prod(shape) < LEAST_SCAN or channels != 3 or not (is_paper ^ is_ink).all():
         return None
+    from gauss2svg.areas.arrays import dilated, parts_of  # here because few pictures need SciPy
+
     smooth: Any = smoothed(is_ink.astype(np.float32), STAIRS)
     edges = np.count_nonzero(np.diff(is_ink)) + np.count_nonzero(np.diff(is_ink, axis=0))
     moved = (smooth > 0.5) != is_ink
