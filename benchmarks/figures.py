@@ -68,6 +68,7 @@ from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.pixels import over
+from gauss2svg.pipeline.plan import PRESETS
 from gauss2svg.raster import RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene.areas import AreaCounts
@@ -166,14 +167,13 @@ def editors() -> Figure:
 def presets() -> Figure:
     """Return one photo by each preset, and a part of each at three times the size."""
     photo = coffee(360)
-    names = ("draft", "fast", "balanced", "high", "max")
-    found = [vectorize(photo, quality=name) for name in names]
+    found = [vectorize(photo, quality=name) for name in PRESETS]
     whole = [*(r.raster for r in found), photo]
     left, top, width, height = 65, 125, 120, 80  # px of the part
     moved = [r.scene.replace(mean=r.scene.mean - [left, top]) for r in found]
     near = [render(s.replace(width=width, height=height), 3 * width, 3 * height) for s in moved]
     near.append(enlarged(photo[top : top + height, left : left + width], 3, BICUBIC))
-    titles = [f"{name}: {said(r, '{kB:.0f} kB')}" for name, r in zip(names, found, strict=True)]
+    titles = [f"{name}: {said(r, '{kB:.0f} kB')}" for name, r in zip(PRESETS, found, strict=True)]
     order = [*whole[:3], *near[:3], *whole[3:], *near[3:]]
     return tiles(order, [*titles[:3], *[""] * 3, *titles[3:], "the photo", *[""] * 3], columns=3)
 

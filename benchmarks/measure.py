@@ -71,11 +71,12 @@ from PIL import Image
 from gauss2svg.measure import metrics, perceptual
 from gauss2svg.measure.metrics import local_hue_error
 from gauss2svg.options import byte_size
+from gauss2svg.pipeline.plan import PRESETS
 from gauss2svg.svg.file import file_bytes
 
 _KB = (500, 1000, 2000, 5000, 10_000, 20_000, 20_001, 30_000, 50_000, 60_000, 100_000, 200_000)
 FAMILIES = {
-    "presets": [f"--quality {name}" for name in ("draft", "fast", "balanced", "high", "max")],
+    "presets": [f"--quality {name}" for name in PRESETS],
     "counts": [f"--gaussians {count}" for count in (256, 512, 1000, 2000, 4000, 8000)],
     "seconds": [f"--time-limit {limit}" for limit in (1, 2, 4, 8, 16, 32)],
     "bytes": [f"--max-bytes {size}" for size in _KB],

@@ -520,10 +520,11 @@ def tied(
 
 
 def _upright(point: Floats, line: Ints) -> Ints:
-    """Return for each coordinate (2 n,) the one to which lines (k, 4) make it equal.
+    """Return for each coordinate (2 n,) of points the index of the one to which it must be equal.
 
-    A line becomes level or upright if the ratio of its sides is below .02, or if it is longer than
-    1 px and less than .03 px off.
+    The ends of an upright line (k, 4) have one x, and those of a level one have one y. A line is
+    upright or level if the ratio of its sides is below .02, or if it is longer than 1 px and less
+    than .03 px off.
     """
     same = np.arange(point.size)
     first, last = (2 * line[:, [0, 3]].T[:, :, None] + [0, 1]).reshape(2, -1)

@@ -140,7 +140,7 @@ def _with_alpha(channels: Floats) -> Floats:
 
 
 def _channels(planes: Floats) -> Floats:
-    """Return the channels (h, w, 3) or (h, w, 6) of planes of `_with_alpha`."""
+    """Undo `_with_alpha`: return the channels (h, w, 3) or (h, w, 6) of its planes."""
     if planes.shape[2] == 3:
         return planes
     black = planes[..., :3]

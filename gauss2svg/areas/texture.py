@@ -193,9 +193,9 @@ def _was_doubled(pixels: NDArray[np.float32]) -> bool:
 
 
 def _finer_than_half(luma: NDArray[np.float32]) -> float:
-    """Return the energy of what a picture has less if its sides are half as long.
+    """Return how much detail a picture loses if it is halved and enlarged again.
 
-    It is divided by the energy of the steps between pixels.
+    It is the squared loss, divided by the squared differences of neighbouring pixels.
     """
     whole, (height, width) = Image.fromarray(luma), luma.shape
     small = whole.resize((round(width / 2), round(height / 2)), Image.Resampling.LANCZOS)

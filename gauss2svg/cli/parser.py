@@ -117,9 +117,9 @@ def words(text: str) -> list[str]:
 def output_files(
     options: OptionGroup, endings: Mapping[str, Sequence[str]], stem: str
 ) -> dict[str, Path]:
-    """Return the output files that are given, by their options, without a printed report.
+    """Return {option: path} of the output files that the user gave, without a printed report.
 
-    In place of a folder is a file in it, whose name begins with `stem`.
+    If the path is a folder, the file is in it, and its name begins with `stem`.
 
     endings  {option that names an output file: endings that this file may have}
     """

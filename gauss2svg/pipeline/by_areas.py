@@ -243,7 +243,7 @@ class ByAreas:
     def _model_psnr(self, scene: Scene, found: FoundAreas | None = None) -> float:
         """Return the PSNR (dB) of a scene against the picture in which areas were searched.
 
-        The scene is made as soft as the picture is, if its areas tell.
+        If `found` has a window, the picture is soft. Then the scene is made as soft by this window.
         """
         working = self._subject.working
         if found is None or found.window is None:
@@ -468,7 +468,10 @@ class ByAreas:
         self, rate: float | None = None, shaded: bool = False,
         glance: find.Glance = lambda error, edges: None,
     ) -> Callable[[Progress], FoundAreas]:  # fmt: skip
-        """Return a search for the areas of the picture, at the usual rate unless one is given."""
+        """Return a function that searches for the areas of the picture, and takes a Progress.
+
+        rate  None: that of the run
+        """
         picture, rate = self._subject.working, self._rate if rate is None else rate
         return lambda progress: find.find_areas(
             picture, rate, self._unit, progress, shaded, self._most_cores, glance,

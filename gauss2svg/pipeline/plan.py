@@ -325,10 +325,11 @@ class Plan:
 
     @property
     def grows_to_aim(self) -> bool:
-        """Whether growth aims at the target. It can if it is a PSNR, whose slope it measures.
+        """Whether growth stops at the target.
 
-        Otherwise growth ends at the preset's PSNR, and corrections raise or lower the count until
-        the file reaches the target.
+        It does at a PSNR, because growth measures how much PSNR more shapes gain. Otherwise growth
+        ends at the preset's PSNR, and corrections raise or lower the count until the file reaches
+        the target.
         """
         return self.aim is not None and self.aim.search.slope is None
 
