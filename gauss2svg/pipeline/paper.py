@@ -89,9 +89,12 @@ def _scan_of(pixels: Values) -> tuple[Values, Any, Any] | None:
         return None
     # Lines of 1 px would be lost, so they stay as they are.
     labels, _ = parts_of(moved)
-    is_line = (np.bincount(labels.ravel()) > MOST_STAIR)[labels] & moved
-    smooth[dilated(is_line)] = is_ink[dilated(is_line)]
-    return _crisp(smooth - 0.5), np.ones(shape, int), colors
+    beside_line = dilated((np.bincount(labels.ravel()) > MOST_STAIR)[labels] & moved)
+    return (
+        _crisp(np.where(beside_line, is_ink, smooth).astype(np.float32) - 0.5),
+        np.ones(shape, int),
+        colors,
+    )
 
 
 def _sketch_of(pixels: Values, most: int) -> tuple[Values, Any, Any] | None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from flat import vectorize
 from pictures import antialiased_badge, ball
-from PIL import Image
+from PIL import Image, ImageDraw
 from scipy import ndimage
 from skimage import data
 
@@ -174,8 +174,34 @@ def test_each_ink_of_a_sketch_keeps_its_colour_and_has_a_pen():
 SPOTS = np.where(np.hypot(X - 0.5, Y - 0.4) < 0.15, [0.4, 1.0, 0.5], 1.0)
 COFFEE = np.asarray(Image.fromarray(data.coffee()).resize((WIDTH, HEIGHT)), np.float32) / 255
 PENS = "#aa0000", "#0000aa", "#222222", "#e08000", "#a000c0", "#008040"
-AXES = np.where((np.abs(X - 0.1) < 0.01) | (np.abs(Y - 0.65) < 0.01), 0.0, 1.0)
-PALE = np.where(np.hypot(X - 0.3, Y - 0.4) < 0.15, [0.93, 0.87, 0.8], 1.0)
+AXIS = np.where((np.abs(Y - 0.7) < 0.006) & (X < 0.5), 0.0, 1.0)
+
+
+def blurred(picture, sigma):
+    """Return a picture without the edges of a drawing, as JPEG."""
+    return in_8_bits(ndimage.gaussian_filter(picture, (sigma, sigma, 0)), 80)
+
+
+def cartoon():
+    """Return pale discs with black outlines."""
+    picture = np.ones((HEIGHT, WIDTH, 3))
+    for k, (x, y) in enumerate(np.random.default_rng(1).uniform([30, 30], [290, 210], (14, 2))):
+        distance = np.hypot(X * WIDTH - x, Y * WIDTH - y)
+        picture = np.where(distance < 22, np.roll([1, 0.93, 0.88], k), picture)
+        picture = np.where(np.abs(distance - 22) < 1, 0, picture)
+    return picture
+
+
+def pale_text():
+    """Return a page of small grey letters."""
+    page = Image.new("RGB", (640, 480), "white")
+    words = "lorem ipsum dolor sit amet consectetur adipiscing elit sed do eiusmod tempor "
+    words += "incididunt ut labore et dolore"
+    for y in range(8, 460, 15):
+        ImageDraw.Draw(page).text((10, y), words, fill="#aaa", font_size=10)
+    return np.asarray(page, np.float32) / 255
+
+
 OTHERS = {
     "drawn": in_8_bits(lines()),
     "drawn on a gradient": in_8_bits(lines() * (0.7 + 0.15 * X + 0.2 * Y)),
@@ -188,11 +214,11 @@ OTHERS = {
     "without a line": on_paper(np.ones((HEIGHT, WIDTH, 3))),
     "on a photo": np.minimum(lines(), COFFEE),
     "with alpha": np.dstack([SKETCH, X]),
-    "in grey, with black axes": in_8_bits(np.minimum(lines("#999"), AXES), 80),
-    "with pale areas": in_8_bits(lines() * PALE, 80),
+    "in grey, with a black axis": blurred(np.minimum(lines("#999"), AXIS), 1.1),
+    "a pale cartoon": blurred(cartoon(), 1.4),
+    "pale text": pale_text(),
     "of one colour": np.full((300, 300, 3), 0.9, np.float32),
-    "pixel art": (lines("#000") > 0.5)[::4, ::4].repeat(4, axis=0).repeat(4, axis=1)
-    * np.float32(1),
+    "pixel art": np.float32(lines("#000")[::8, ::8] > 0.5).repeat(8, axis=0).repeat(8, axis=1),
     "hatched": np.float32((np.indices(X.shape)[:2].sum(axis=0) % 3 > 0) | (lines("#000") > 0.5)),
     "a ball": ball(256),
     "a badge": antialiased_badge(256),
