@@ -189,26 +189,26 @@ def _chosen(
         return part, []
     ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
     contrast = float(((paint.color - ground) ** 2).sum())
-    as_lines = _layers(strokes)
     length = sum(path.length for path, _ in strokes)
-    contours = outlines.contours_of(part.share, part.box, pixels.shape)
-    paths = [outlines.first_path(c, weight_at, unit, rate) for c in contours]
-    as_areas = [Layer(0, paths)] if paths else []
 
-    def fitted_and_cost(layers: list[Layer], tag: float) -> tuple[list[Layer], float]:
-        """Return layers that are refined a little, in the box of the part, and their cost."""
+    def bytes_of(layers: list[Layer]) -> float:
+        return sum(path.bytes(unit) for layer in layers for path in layer.paths)
+
+    def fitted_and_cost(layers: list[Layer]) -> tuple[list[Layer], float]:
+        """Return layers that are refined a little, in the box of the part, and their error."""
         drawing = _drawing(layers, part)
         drawing.refine(6, colors=False)
         error = (drawing.draw()[..., 0] - part.share)[~part.thick]
-        size = tag + sum(path.bytes(unit) for layer in layers for path in layer.paths)
         layers = [
             layer.replace([path.moved(part.corner) for path in layer.paths])
             for layer in drawing.current()
         ]
-        return layers, contrast * float((error**2).sum()) + rate * size
+        return layers, contrast * float((error**2).sum())
 
     # The tags have 12 and 10 bytes, as far as parts do not share them.
-    lines, cost = fitted_and_cost(as_lines, 12.0)
+    as_lines = _layers(strokes)
+    lines, cost = fitted_and_cost(as_lines)
+    cost += rate * (12.0 + bytes_of(as_lines))
     # Wide ends may be round, which is decided when all lines are known.
     with_round = _error(list(map(rounded, lines)), part)
     cost -= contrast * max(_error(lines, part) - with_round, 0.0)
@@ -216,9 +216,13 @@ def _chosen(
     cost = max(cost - noise, 0.0)
     if part.is_wide and cost > noise:
         return part, []
+    contours = outlines.contours_of(part.share, part.box, pixels.shape)
+    paths = [outlines.first_path(c, weight_at, unit, rate) for c in contours]
+    as_areas = [Layer(0, paths)] if paths else []
     # Outlines may be closer only because they follow the errors of antialiasing. Wide parts, such
     # as bars, are more often no lines.
-    if cost >= (1.0 if part.is_wide else 2.0) * fitted_and_cost(as_areas, 10.0)[1]:
+    factor, size_cost = 1.0 if part.is_wide else 2.0, rate * (10.0 + bytes_of(as_areas))
+    if cost >= factor * size_cost and cost >= factor * (size_cost + fitted_and_cost(as_areas)[1]):
         return part, []
     return part, [(path, layer.width) for layer in lines for path in layer.paths]
 

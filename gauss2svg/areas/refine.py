@@ -337,7 +337,9 @@ class Drawing:
         whose own pixels became worse, and so is one of whose gain they took over a fifth.
         """
         pixel, owner, jacobian, weights = self.samples()
-        places, place = np.unique(pixel, return_inverse=True)
+        is_along = np.zeros(math.prod(self.shape[:2]), bool)
+        is_along[pixel] = True
+        places, place = np.flatnonzero(is_along), (np.cumsum(is_along) - 1)[pixel]
         rows = error.reshape(-1, self.shape[2])
         samples = place, owner, jacobian, weights
         along = rows[places].astype(np.float64)

@@ -33,6 +33,7 @@ MOST_DOUBLED = 1024
 # In small logos as JPEG, few blocks are smooth. A picture of at most LOGO px a side is a drawing if
 # TWO_TONED of its pixels near edges are as on one side of them. Photos have at most .64.
 LOGO, TWO_TONED = 512, 0.65
+ICON = 48  # px of the larger side of an icon
 
 
 def may_have_areas(pixels: NDArray[np.float32]) -> bool:
@@ -46,6 +47,11 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
         return False
     small = undoubled(pixels)
     return small is not pixels and _is_drawn(small)
+
+
+def is_icon(pixels: NDArray[np.float32]) -> bool:
+    """Return whether a picture has so few pixels that only its areas tell whether it is drawn."""
+    return max(pixels.shape[:2]) <= ICON
 
 
 def _is_drawn(pixels: NDArray[np.float32]) -> bool:

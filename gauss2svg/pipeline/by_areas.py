@@ -57,10 +57,13 @@ STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the 
 # the bytes, as after a tracer.
 FEWER = 0.8
 GLOSSY = 0.77  # share of two-toned pixels near edges: .56 to .75 in glossy logos, .8 in flat ones
-# Areas of less dB may be farther than shapes alone from a picture of few pixels, as a sprite. In a
-# larger one they are letters and thin lines, which stay crisp, unless they have less than TOO_FAR.
-FAR, TOO_FAR, FEW_PIXELS = 32.0, 26.0, 2**15
-FAR_IF_SOFT = 34.0  # the same in dB of a soft picture of any size, if the areas are made as soft
+# Share of the squared steps between pixels that areas leave if shapes may be better. Where areas
+# are crisp, shapes lose more between the pixels. Areas of icons and logos leave .04 or less, those
+# of photos .08 or more. In between are drawings with more detail than pixels.
+FAR = 0.04
+FEW_PIXELS = 2**15  # largest number of pixels of a picture for which this alone decides
+TOO_FAR = 26.0  # dB of areas of a larger picture if shapes may be closer
+FAR_IF_SOFT = 34.0  # the same of a soft picture of any size, if the areas are made as soft
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 _ANEW = (
     "the start differs from the picture, so its areas were found anew, and edits may be lost. Edit "
@@ -127,29 +130,44 @@ class ByAreas:
         If the file of a start is closer than what is made of it, that is returned.
         """
         outcome = self._search()
-        window = None if outcome.found is None else outcome.found.window
-        unsure, goal = self._is_lost or outcome.unsure, self._plan.goal
-        is_limited = goal.byte_limit < math.inf or self._plan.aim is not None
-        # Without a limit, crisp areas are the file of a soft picture, although they have less dB.
-        is_soft = window is not None and self._is_as_given
-        unsure |= is_limited and is_soft and not self._plan.prefers_areas
-        # With a time limit, no time is left for two searches, and a preset asks for no more.
-        enough = math.inf if is_limited else self._plan.preset.stop_psnr - ENOUGH.too_little
-        if not (unsure or goal.time_limit or self._run.ended):
-            if (psnr := self._psnr(outcome)) < enough:
-                error = self._trials.error_at(psnr)
-                unsure = self._trials.shapes_win(outcome.file.size, error)
-            if window is None:
-                unsure |= not is_limited and outcome.psnr < enough and self._may_be_soft(psnr)
-            else:
-                unsure |= psnr < FAR_IF_SOFT and not (self._plan.prefers_areas or self._inks)
         notes = (_ANEW,) if self._is_anew else ()
+        unsure = self._is_lost or outcome.unsure or self._is_unsure(outcome)
         outcome = dataclasses.replace(outcome, unsure=unsure, notes=notes)
         if self._start is None or (file := self._exporter.unscored(self._start)).size > self._limit:
             return outcome
         fitted, raster = outcome.fitted.after("start"), self._exporter.raster(file.svg)
         own = dataclasses.replace(outcome, file=file, raster=raster, fitted=fitted, notes=())
         return max(outcome, own, key=attrgetter("psnr"))
+
+    def _is_unsure(self, outcome: Outcome) -> bool:
+        """Return whether shapes alone may be better than the areas of an outcome."""
+        if self._plan.prefers_areas or self._run.ended:
+            return False
+        goal, found = self._plan.goal, outcome.found
+        is_soft, psnr = found is not None and found.window is not None, self._psnr(outcome)
+        error = self._trials.error_at(psnr)
+        if goal.byte_limit < math.inf or self._plan.aim is not None:
+            # Crisp areas of a soft picture have fewer dB, which are then what counts.
+            is_soft &= self._is_as_given
+            has_time = not goal.time_limit  # for two searches
+            return is_soft or (has_time and self._trials.shapes_win(outcome.file.size, error))
+        if goal.time_limit:
+            return False
+        is_far = psnr < SEEN_UP_TO and error > FAR * self._steps()
+        if math.prod(self._subject.size) <= FEW_PIXELS and not self._inks:
+            return is_far or len(outcome.file.scene) > 0
+        if is_soft:
+            return is_far and psnr < FAR_IF_SOFT and not self._inks
+        enough = self._plan.preset.stop_psnr - ENOUGH.too_little
+        if psnr < enough and self._trials.shapes_win(outcome.file.size, error):
+            return True
+        return outcome.psnr < enough and self._may_be_soft(psnr)
+
+    def _steps(self) -> float:
+        """Return the sum of the squared steps between neighbouring pixels, for three channels."""
+        picture = find.channels_of(self._subject.working)
+        steps = sum(float((np.diff(picture, axis=axis) ** 2).sum()) for axis in (0, 1))
+        return 3 / picture.shape[2] * steps
 
     def _search(self) -> Outcome:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
@@ -259,9 +277,9 @@ class ByAreas:
         Then many pixels near edges are between two tones. In a flat picture these are thin lines.
         In a JPEG or with few inks, areas are surely better.
         """
-        if self._plan.prefers_areas or self._quality is not None or self._inks:
+        if self._quality is not None or self._inks:
             return False
-        if psnr < (FAR if math.prod(self._subject.size) <= FEW_PIXELS else TOO_FAR):
+        if psnr < TOO_FAR:
             return True
         if is_flat(self._noisy):
             return False

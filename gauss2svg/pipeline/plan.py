@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.texture import may_have_areas
+from gauss2svg.areas.texture import is_icon, may_have_areas
 from gauss2svg.errors import InputError, RendererError, quoted, refusal
 from gauss2svg.fit import DEFAULT_LOSS, GAUSSIAN, MOST_GAUSSIANS, PSNR, FitConfig, FitOptions, Tune
 from gauss2svg.measure import Score, Search, require_packages
@@ -223,6 +223,8 @@ class Plan:
         may = options.svg.areas == AUTO and self.may_be_exact
         pictures = (pixels,) if whole is pixels else (pixels, whole)
         has_areas = self.has_areas or (may and any(map(may_have_areas, pictures)))
+        is_free = not (self.goal.is_limited or self.goal.count or self.goal.target)
+        has_areas |= may and is_free and is_icon(pixels)
         return dataclasses.replace(self, faintness=faintness_of(pixels), has_areas=has_areas)
 
     @property

@@ -109,10 +109,13 @@ stroke="#111" stroke-width="{}" stroke-linecap="round" stroke-linejoin="round"/>
     [
         (12, lambda picture: gaussian_filter(picture, (0.5, 0.5, 0)), 36),
         (12, lambda picture: gaussian_filter(picture, (0.6, 0.6, 0)), 36),
-        (3, lambda picture: enlarged(picture, 1.5, Image.Resampling.BICUBIC), 28),
-        (3, lambda picture: enlarged(picture, 1.5), 28),
+        pytest.param(3, lambda picture: enlarged(picture, 1.5), 28, marks=pytest.mark.sweep),
+        pytest.param(
+            3, lambda picture: enlarged(picture, 1.5, Image.Resampling.BICUBIC), 28,
+            marks=pytest.mark.sweep,
+        ),
     ],
-)
+)  # fmt: skip
 def test_a_drawing_with_soft_edges_is_crisp_when_enlarged(width, change, least):
     """Outlines that followed a blur were serrated, or the picture was drawn as a photo."""
     source = STROKES.format(width)
@@ -129,6 +132,7 @@ def test_a_soft_picture_may_have_a_transparent_pixel():
     assert vectorize(picture).report["area_count"] > 0
 
 
+@pytest.mark.sweep
 def test_a_limit_of_bytes_is_filled_by_what_is_closer_to_a_soft_picture():
     picture = gaussian_filter(rasterize(STROKES.format(12), 160, 120), (0.6, 0.6, 0))
     scores = [

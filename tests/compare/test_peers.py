@@ -43,7 +43,7 @@ def two_photos(photo, tmp_path, monkeypatch):
     ]
 
 
-@pytest.mark.parametrize("command", ["bench", "gallery"])
+@pytest.mark.parametrize("command", ["bench", pytest.param("gallery", marks=pytest.mark.sweep)])
 def test_files_of_another_method_are_measured_and_again_if_they_change(
     command, two_photos, tmp_path
 ):

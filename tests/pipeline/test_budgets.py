@@ -41,6 +41,7 @@ def test_more_seconds_are_never_worse(kind, photo, work_clock):
     assert found[0]["gaussians"] < found[-1]["gaussians"]
 
 
+@pytest.mark.sweep
 def test_a_limit_of_bytes_is_full_where_masks_end():
     """Beyond 500 soft shapes, each one more costs the bytes of several."""
     picture = data.astronaut()[::2, ::2]

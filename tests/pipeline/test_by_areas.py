@@ -270,10 +270,15 @@ def test_a_target_is_met_by_areas_alone_if_they_can_and_by_gaussians_if_not(
     assert (report["gaussians"] > 0) == needs_gaussians
 
 
+@pytest.mark.sweep
 def test_a_target_that_is_missed_with_areas_is_met_by_shapes_alone():
     report = vectorize(DRAWING, target_psnr=46).report
     assert (report["stop_reason"], report["unreached"]) == ("target_psnr", [])
     assert report["area_count"] == 0
+
+
+@pytest.mark.sweep
+def test_a_target_that_areas_miss_asks_for_no_more_shapes_than_pay():
     kept = vectorize(DRAWING, target_psnr=60, areas="always").report
     assert kept["area_count"] > 0
     assert kept["gaussians"] <= 1000
@@ -320,6 +325,7 @@ def test_a_photo_in_a_poster_is_one_area_below_gaussians():
     assert result.report["psnr_svg"] > 35.2  # as close as the preset asks for without areas
 
 
+@pytest.mark.sweep
 def test_thin_lines_of_a_large_drawing_keep_their_color():
     waves = "M60 150q160-120 320 0t320 0 320 0M60 190q160-120 320 0t320 0 320 0"
     chart = f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1200 600"><path fill="#fff"
@@ -333,11 +339,13 @@ def test_thin_lines_of_a_large_drawing_keep_their_color():
     assert vectorize(rasterize(chart, 1200, 600), max_memory="8G").svg == result.svg
 
 
+@pytest.mark.sweep
 def test_an_enlarged_drawing_is_reduced():
     large = Image.fromarray(np.uint8(255 * DRAWING)).resize((1152, 1152), Image.Resampling.BICUBIC)
     assert vectorize(large).report["measured_width"] < 1152
 
 
+@pytest.mark.sweep
 def test_a_glow_around_letters_is_no_noise_of_jpeg():
     """Taken for noise, it became forty contours with torn ends."""
     letters = FRAME.format("""<path d="M24 24v80M24 64h44M68 24v80M94 24v80" fill="none"
@@ -362,6 +370,7 @@ def test_a_shadow_on_a_transparent_page_leaves_no_veil():
     assert result.report["psnr_svg_alpha"] > 39
 
 
+@pytest.mark.sweep
 def test_cairo_draws_the_gradients_of_a_large_drawing():
     rows = np.linspace(0, 1, 400)[:, None]
     sky = np.stack([0.2 + 0.6 * rows, 0.3 + 0.2 * rows, 0.9 - 0.5 * rows], axis=-1)
@@ -391,6 +400,7 @@ def test_a_file_within_the_limit_is_exact_and_another_one_has_what_fits():
         assert (result.report["psnr_svg"] is None) == is_exact
 
 
+@pytest.mark.sweep
 def test_a_sprite_of_over_two_megapixels_is_exact():
     large = SPRITE[::2, ::2].repeat(64, axis=0).repeat(64, axis=1)
     result = vectorize(large)
@@ -398,6 +408,7 @@ def test_a_sprite_of_over_two_megapixels_is_exact():
     assert (rasterize(result.svg, 1536, 1536) == large / np.float32(255)).all()
 
 
+@pytest.mark.sweep
 def test_a_glossy_picture_is_drawn_by_shapes_that_are_closer():
     # Many gradients that meet at soft edges leave areas no core, and their file looks torn.
     numbers, shapes = np.random.default_rng(3), []
@@ -444,16 +455,26 @@ def test_a_note_tells_of_areas_that_are_far_from_the_picture(monkeypatch):
     )
 
 
-def test_a_small_picture_that_areas_miss_is_drawn_by_shapes_alone():
-    waves = "".join(
-        f'<path fill="{color}" d="M12 {y}c30-14 60 14 104 0v8c-44 14-74-14-104 0z"/>'
-        for y, color in zip(range(24, 96, 8), ["#00796b", "#fff"] * 4 + ["#00796b"], strict=True)
-    )
-    block = '<path fill="#e65100" d="M12 24c16-8 31-3 50 1v36c-19-4-34-9-50-1z"/>'
-    ground = '<path fill="#dfe9f3" d="M0 0h128v128H0z"/>'
-    picture = rasterize(FRAME.format(ground + waves + block), 40, 40)
-    report, areas = (vectorize(picture, areas=choice).report for choice in ("auto", "always"))
-    assert report["psnr_svg"] > areas["psnr_svg"] + 2
+ICON = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 128 128"><linearGradient id="a"
+x2=".6" y2="1"><stop stop-color="#fc0"/><stop offset="1" stop-color="#c0c"/></linearGradient><path
+fill="#eef" d="M0 0h128v128H0z"/><rect width="112" height="112" x="8" y="8" rx="28"
+fill="url(#a)"/><g fill="none" stroke="#fff" stroke-width="10"><circle cx="64" cy="64" r="22"/><rect
+x="26" y="26" width="76" height="76" rx="20"/></g></svg>"""
+
+
+@pytest.mark.parametrize("side", [40, 48])
+def test_an_icon_is_drawn_by_crisp_areas_that_are_closer_when_enlarged(side):
+    icon, large = rasterize(ICON, side, side), rasterize(ICON, 8 * side, 8 * side)
+    result, shapes = vectorize(icon), vectorize(icon, areas="never")
+    assert result.report["area_count"] > 0 == result.report["gaussians"]
+    scores = [psnr(rasterize(one.svg, 8 * side, 8 * side), large) for one in (result, shapes)]
+    assert scores[0] > scores[1] + 0.3
+    assert result.report["svg_bytes"] < 0.3 * shapes.report["svg_bytes"]
+
+
+def test_a_small_picture_of_which_areas_miss_much_is_drawn_by_shapes_alone():
+    thumbnail = Image.fromarray(data.coffee()).resize((48, 32), Image.Resampling.LANCZOS)
+    assert vectorize(thumbnail).report["area_count"] == 0
 
 
 FADE = """<linearGradient id="a" gradientUnits="userSpaceOnUse" {}><stop stop-color="{}"/><stop

@@ -20,7 +20,7 @@ def wordmark(width: int, height: int, ink=(10, 46, 31)) -> Image.Image:
     return Image.fromarray(page).reduce(4)
 
 
-@pytest.mark.parametrize("size", [(300, 200), (500, 333)])
+@pytest.mark.parametrize("size", [(300, 200), pytest.param((500, 333), marks=pytest.mark.sweep)])
 def test_a_logo_has_no_gaussians_whatever_its_size(size):
     result = vectorize(np.asarray(wordmark(*size, ink=(0, 0, 0))))
     assert len(result.scene) == 0

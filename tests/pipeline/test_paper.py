@@ -155,6 +155,7 @@ def test_a_scan_in_two_colours_has_smooth_edges():
     assert raster[-20, 40:80].max() < 0.5
 
 
+@pytest.mark.sweep
 def test_each_ink_of_a_sketch_keeps_its_colour_and_has_a_pen():
     colors = "#aa0000", "#0000aa", "#222222"
     thirds = np.select([X < 0.35, X < 0.65], [lines(colors[0]), lines(colors[1])], lines(colors[2]))

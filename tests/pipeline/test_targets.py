@@ -120,7 +120,7 @@ def test_a_run_that_is_stopped_at_once_says_that_nothing_is_drawn_yet(given, pho
     [
         {}, {"markup": "editable", "gzip": True}, {"inks": 2}, {"blend": "add", "portable": True},
         {"start": random_scene(3, 64, 64)}, {"target_psnr": 30, "fragments": True},
-        {"areas": "always"},
+        pytest.param({"areas": "always"}, marks=pytest.mark.sweep),
     ],
 )  # fmt: skip
 def test_a_limit_below_a_file_without_shapes_is_refused_and_the_least_one_is_not(photo, given):
