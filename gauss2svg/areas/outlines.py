@@ -122,7 +122,7 @@ def field_of(share: Floats) -> Floats:
     for _ in range(4):
         # Across a crisp edge, a field changes by 2 for each px.
         inside = np.clip((field - 0.5) * FINE + 0.5, 0, 1)
-        rows = sum(inside[k::FINE] for k in range(FINE))
+        rows: Floats = sum(inside[k::FINE] for k in range(FINE))  # pyright: ignore
         error = share - sum(rows[:, k::FINE] for k in range(FINE)) / FINE**2
         field += 0.7 * _interpolated(error)
         field = smoothed(field, 0.22 * FINE, truncate=3)
@@ -134,7 +134,8 @@ def _interpolated(image: Floats) -> Floats:
     for _ in range(2):
         padded, fine = np.pad(image, ((1, 1), (0, 0)), mode="edge"), []
         for k in range(FINE):
-            part = (k + 0.5) / FINE - 0.5  # of a px after the pixel's centre
+            # Samples lie this part of a px after the centre of their pixel.
+            part = (k + 0.5) / FINE - 0.5
             beside = padded[2:] if part > 0 else padded[:-2]
             fine.append(image + abs(part) * (beside - image))
         image = np.stack(fine, axis=1).reshape(-1, image.shape[1]).T

@@ -30,7 +30,7 @@ from gauss2svg.areas.paint import Paint, Palette
 from gauss2svg.core import Kernel
 
 RATE = 4.0  # samples for each px of an outline
-LEAST_SOFT = 0.05  # weight beside the centre of a window from which edges are soft
+LEAST_SOFT = 0.042  # weight beside the centre of a window from which edges are soft
 MOST_LEFT = 0.95  # largest share of the error that the window of a soft picture leaves
 LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 

@@ -34,6 +34,7 @@ MOST_DOUBLED = 1024
 # TWO_TONED of its pixels near edges are as on one side of them. Photos have at most .64.
 LOGO, TWO_TONED = 512, 0.65
 ICON = 48  # px of the larger side of an icon
+FEW_PIXELS = 2**15  # largest number of pixels of a small picture
 
 
 def may_have_areas(pixels: NDArray[np.float32]) -> bool:
@@ -52,6 +53,11 @@ def may_have_areas(pixels: NDArray[np.float32]) -> bool:
 def is_icon(pixels: NDArray[np.float32]) -> bool:
     """Return whether a picture has so few pixels that only its areas tell whether it is drawn."""
     return max(pixels.shape[:2]) <= ICON
+
+
+def is_small(pixels: NDArray[np.float32]) -> bool:
+    """Return whether a picture has few pixels, so that shapes are hardly larger than these."""
+    return pixels.shape[0] * pixels.shape[1] <= FEW_PIXELS
 
 
 def _is_drawn(pixels: NDArray[np.float32]) -> bool:

@@ -23,15 +23,15 @@ from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from gauss2svg import portable
 from gauss2svg.areas import clean, find, ringing
-from gauss2svg.areas.arrays import filtered
+from gauss2svg.areas.arrays import Floats, filtered
 from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
-from gauss2svg.areas.texture import is_flat, is_shaded, two_toned, undoubled
+from gauss2svg.areas.texture import is_flat, is_shaded, is_small, two_toned, undoubled
 from gauss2svg.fit import FitProgress, FitResult
-from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline import found as changes
@@ -60,8 +60,10 @@ GLOSSY = 0.77  # share of two-toned pixels near edges: .56 to .75 in glossy logo
 # Share of the squared steps between pixels that areas leave if shapes may be better. Where areas
 # are crisp, shapes lose more between the pixels. Areas of icons and logos leave .04 or less, those
 # of photos .08 or more. In between are drawings with more detail than pixels.
-FAR = 0.04
-FEW_PIXELS = 2**15  # largest number of pixels of a picture for which this alone decides
+FAR = 0.035
+# Mean squared error of 7 x 7 px at which areas miss a part of a picture of at most TINY pixels. It
+# is .011 or less in logos that are better so, and .012 or more where a face lost its mouth.
+LOST, TINY = 0.011, 2**12
 TOO_FAR = 26.0  # dB of areas of a larger picture if shapes may be closer
 FAR_IF_SOFT = 34.0  # the same of a soft picture of any size, if the areas are made as soft
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
@@ -149,12 +151,15 @@ class ByAreas:
         if goal.byte_limit < math.inf or self._plan.aim is not None:
             # Crisp areas of a soft picture have fewer dB, which are then what counts.
             is_soft &= self._is_as_given
-            has_time = not goal.time_limit  # for two searches
+            # With a time limit, no time is left for two searches.
+            has_time = not goal.time_limit
             return is_soft or (has_time and self._trials.shapes_win(outcome.file.size, error))
         if goal.time_limit:
             return False
         is_far = psnr < SEEN_UP_TO and error > FAR * self._steps()
-        if math.prod(self._subject.size) <= FEW_PIXELS and not self._inks:
+        if is_small(self._subject.working) and not self._inks:
+            errors = self._errors(outcome.file.scene, found)
+            is_far |= errors.size <= TINY and ndimage.uniform_filter(errors, 7).max() > LOST
             return is_far or len(outcome.file.scene) > 0
         if is_soft:
             return is_far and psnr < FAR_IF_SOFT and not self._inks
@@ -266,10 +271,16 @@ class ByAreas:
         working = self._subject.working
         if found is None or found.window is None:
             return model_psnr(scene, working, self._subject.weight(working))
-        picture, size = find.channels_of(working), self._subject.size
+        return -10 * portable.log10(max(float(self._errors(scene, found).mean()), 1e-12))
+
+    def _errors(self, scene: Scene, found: FoundAreas | None) -> Floats:
+        """Return the mean squared errors (h, w) of a scene that is as soft as the picture."""
+        picture, size = find.channels_of(self._subject.working), self._subject.size
         is_opaque = picture.shape[2] == 3
         drawn = render(scene, *size) if is_opaque else find.both_views(render_rgba(scene, *size))
-        return metrics.psnr(filtered(drawn, found.window), picture)
+        if found is not None and found.window is not None:
+            drawn = filtered(drawn, found.window)
+        return ((drawn - picture) ** 2).mean(axis=2, dtype=np.float64)
 
     def _may_be_soft(self, psnr: float) -> bool:
         """Return whether areas of this PSNR in dB are far from a small picture, or one is glossy.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.texture import is_icon, may_have_areas
+from gauss2svg.areas.texture import is_icon, is_small, may_have_areas
 from gauss2svg.errors import InputError, RendererError, quoted, refusal
 from gauss2svg.fit import DEFAULT_LOSS, GAUSSIAN, MOST_GAUSSIANS, PSNR, FitConfig, FitOptions, Tune
 from gauss2svg.measure import Score, Search, require_packages
@@ -120,6 +120,7 @@ class Plan:
     starts     whether the run starts with a scene. No search by bytes can begin with one
     has_areas  whether the photo is drawn by areas if the option is auto, False before it is read
     faintness  dB by which growth stops later, because the photo is dark or pale all over
+    is_small   whether the photo has few pixels, and no limit, count, target or start is given
     rate       squared error that each byte of a shape above areas must save, else 0
     has_focus  whether the run has a mask. Without one, focus_strength is refused
     sketch     paper and ink as "#rrggbb,#rrggbb", in which a sketch is drawn by areas alone. It is
@@ -133,6 +134,7 @@ class Plan:
     starts: bool = False
     has_areas: bool = False
     faintness: float = 0.0
+    is_small: bool = False
     rate: float = 0.0
     has_focus: bool = False
     sketch: str = ""
@@ -225,7 +227,10 @@ class Plan:
         has_areas = self.has_areas or (may and any(map(may_have_areas, pictures)))
         is_free = not (self.goal.is_limited or self.goal.count or self.goal.target)
         has_areas |= may and is_free and is_icon(pixels)
-        return dataclasses.replace(self, faintness=faintness_of(pixels), has_areas=has_areas)
+        return dataclasses.replace(
+            self, faintness=faintness_of(pixels), has_areas=has_areas,
+            is_small=is_free and not self.starts and is_small(pixels),
+        )  # fmt: skip
 
     @property
     def shape_bytes(self) -> float:
@@ -350,8 +355,9 @@ class Plan:
             # More than 1000 steps gain nothing. The time is better spent on steps in which all
             # Gaussians exist than on rounds of growth (docs/decisions/time.md).
             steps, each = 1000, 6
-        if self.in_areas and fit.falloff is None:
-            # Areas have the crisp edges. Each further falloff takes a definition in the file.
+        if (self.in_areas or self.is_small) and fit.falloff is None:
+            # Areas have the crisp edges. Each further falloff takes a definition in the file. Rims
+            # that are sharper than a pixel are discs and rolls where a small picture is enlarged.
             fit = dataclasses.replace(fit, falloff=GAUSSIAN)
         return FitConfig(
             gaussians=0 if goal.count_adapts else goal.count or 0,
