@@ -107,6 +107,7 @@ stroke="#111" stroke-width="{}" stroke-linecap="round" stroke-linejoin="round"/>
 @pytest.mark.parametrize(
     ("width", "change", "least"),
     [
+        (12, lambda picture: gaussian_filter(picture, (0.412, 0.412, 0)), 36),
         (12, lambda picture: gaussian_filter(picture, (0.5, 0.5, 0)), 36),
         (12, lambda picture: gaussian_filter(picture, (0.6, 0.6, 0)), 36),
         pytest.param(3, lambda picture: enlarged(picture, 1.5), 28, marks=pytest.mark.sweep),

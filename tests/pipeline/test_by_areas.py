@@ -472,9 +472,27 @@ def test_an_icon_is_drawn_by_crisp_areas_that_are_closer_when_enlarged(side):
     assert result.report["svg_bytes"] < 0.3 * shapes.report["svg_bytes"]
 
 
-def test_a_small_picture_of_which_areas_miss_much_is_drawn_by_shapes_alone():
-    thumbnail = Image.fromarray(data.coffee()).resize((48, 32), Image.Resampling.LANCZOS)
-    assert vectorize(thumbnail).report["area_count"] == 0
+SQUARES = "".join(
+    f'<path fill="#c22" d="M{60 + 6 * i + k} {88 + 6 * j + k}h3v3h-3z"/>'
+    for i, j, k in itertools.product(range(6), range(4), (0, 3))
+)
+BADGE = f"""<path fill="#fff" d="M0 0h128v128H0z"/><path fill="#124" d="M10 10h108v70H10z"/><circle
+cx="40" cy="45" r="24" fill="#e84"/>{SQUARES}"""
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        Image.fromarray(data.coffee()).resize((48, 32), Image.Resampling.LANCZOS),
+        rasterize(FRAME.format(BADGE), 48, 48),  # areas miss a part of it
+    ],
+)
+def test_a_small_picture_that_areas_miss_is_drawn_by_shapes_with_soft_rims(picture):
+    """Rims that are sharper than a pixel become discs when the file is enlarged."""
+    scene = vectorize(picture).scene
+    assert not scene.areas
+    assert len(scene) > 0
+    assert (scene.beta == 1).all()
 
 
 FADE = """<linearGradient id="a" gradientUnits="userSpaceOnUse" {}><stop stop-color="{}"/><stop
