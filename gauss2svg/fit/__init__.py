@@ -85,7 +85,8 @@ class FitOptions(OptionGroup):
     falloff: Literal["gaussian", "adaptive"] | None = None
     """How opacity falls from the centre of a shape to its rim. adaptive: each shape learns how
     crisp its rim is. gaussian: all shapes stay Gaussians, as in the paper of the method. The
-    default is adaptive, but gaussian with --blend add."""
+    default is adaptive, but gaussian with --blend add, above areas, and in pictures of at most
+    32768 px without a limit, number or target."""
 
     inks: Annotated[Inks | None, check_inks] = None
     """Draw only in these colours, including the background: "#f7c306,#c0322c,navy". Or the number
