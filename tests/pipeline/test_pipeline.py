@@ -51,6 +51,11 @@ def test_every_option_reaches_the_fit(photo, change):
     assert vectorize(photo, **QUICK, **change).svg != vectorize(photo, **QUICK, **less).svg
 
 
+def test_the_report_has_the_palette_of_a_given_number_of_shapes(photo, result):
+    assert result.report["palette"] is not None
+    assert vectorize(photo, iterations=8).report["palette"] is None
+
+
 def test_phases_come_in_order_on_the_threads_that_were_asked_for(photo, capfd):
     """And nothing is printed."""
     seen, before = [], cpu.threads

@@ -160,3 +160,10 @@ def test_a_scaled_scene_has_scaled_areas(seed, size):
     scene = with_levels(scene_of(seed), seed)
     scaled = scene.scaled(size[0] / 9, size[1] / 8)
     np.testing.assert_allclose(render(scaled, *size), render(scene, *size), atol=1e-4)
+
+
+def test_a_gradient_has_its_colors_at_the_centres_of_pixels():
+    page = Outline(((0, 0), (8, 0), (8, 8), (0, 8)), (False,) * 4)
+    across = LinearGradient((0.0, 1.0), (BLACK, WHITE), (0.0, 0.0), (8.0, 0.0))
+    picture = render(Scene(8, 8, background=WHITE, areas=(Area((page,), across),)), 8, 8)
+    assert np.abs(picture - ((np.arange(8) + 0.5) / 8)[:, None]).max() < 0.01

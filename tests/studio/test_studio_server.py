@@ -136,6 +136,7 @@ def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_plac
         elif way == "delete":
             waiting = server.submit(png, **LONG)
             assert server.state(waiting)["state"] == "queued"
+            assert server.state(job)["state"] == "running"
             for one in (waiting, job):
                 server.client.delete(f"/api/jobs/{one['id']}")
         else:
