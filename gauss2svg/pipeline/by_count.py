@@ -327,6 +327,9 @@ class ByCount(DensificationPolicy):
         before, after  count and PSNR (dB) before and after that round
         """
         (last, last_psnr), (count, psnr) = before, after
+        # New shapes may disturb the first few more than they gain in a round.
+        if psnr < last_psnr and count <= 4 * FIRST_ROUND:
+            return
         gain = max(psnr - last_psnr, 0.0) / GAIN_OF_A_ROUND
         doublings = portable.log2(count / last) if last else 1.0
         # In a smaller round, most of the gain comes from convergence and not from new Gaussians.
