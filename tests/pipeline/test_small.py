@@ -12,7 +12,7 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.plan import BY_BYTES_UP_TO, Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.raster import rasterize_like
+from gauss2svg.raster import rasterize, rasterize_like
 
 
 def hills(width=72, height=48):
@@ -89,3 +89,17 @@ def test_a_search_that_is_stopped_early_has_a_file_with_shapes():
         assert len(run.fits) == 1
         assert len(file.scene)
         assert file.size <= limit
+
+
+def test_growth_goes_on_where_new_shapes_disturb_the_first_few():
+    rng = np.random.default_rng(38)
+    color = lambda: "#" + rng.bytes(3).hex()  # noqa: E731
+    circles = "".join(
+        f'<circle cx="{rng.uniform(20, 108):.0f}" cy="{rng.uniform(20, 108):.0f}"'
+        f' r="{rng.uniform(14, 44):.0f}" fill="{color()}"/>'
+        for _ in range(4)
+    )
+    icon = f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 128 128"><circle cx="64" cy="64"
+    r="62" fill="{color()}"/>{circles}</svg>"""
+    picture = rasterize(icon, 40, 40, alpha=True)
+    assert vectorize(picture, areas="never", falloff="gaussian").report["psnr_svg"] > 30
