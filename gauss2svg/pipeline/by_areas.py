@@ -283,7 +283,7 @@ class ByAreas:
         return ((drawn - picture) ** 2).mean(axis=2, dtype=np.float64)
 
     def _may_be_soft(self, psnr: float) -> bool:
-        """Return whether areas of this PSNR in dB are far from a small picture, or one is glossy.
+        """Return whether areas of this PSNR in dB are too far from a picture, or it is glossy.
 
         Then many pixels near edges are between two tones. In a flat picture these are thin lines.
         In a JPEG or with few inks, areas are surely better.
