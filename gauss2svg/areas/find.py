@@ -166,6 +166,13 @@ def channels_of(picture: NDArray[np.float32]) -> Floats:
     return both_views(pixels)
 
 
+def steps_of(picture: NDArray[np.float32]) -> float:
+    """Return the sum of the squared steps between neighbouring pixels, for three channels."""
+    channels = channels_of(picture)
+    steps = sum(float((np.diff(channels, axis=axis) ** 2).sum()) for axis in (0, 1))
+    return 3 / channels.shape[2] * steps
+
+
 def both_views(picture: Floats) -> Floats:
     """Return the channels (h, w, 6) of a picture (h, w, 4) with straight alpha."""
     over_black, alpha = picture[..., :3] * picture[..., 3:], picture[..., 3:]

@@ -21,6 +21,7 @@ ALIKE = 2.6 * LEVEL  # largest difference of two colours that become one
 PRIOR, PRIOR_PER_PX = 0.5, 0.3  # weight of a colour's first value, and more for each pixel of it
 LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 LEAST_EVEN = 0.2  # share of a region's pixels with the colour into which gradients fade
+LEAST_SHOWN = 1e-4  # share of a pixel below which a paint does not count for colours
 SHADES = 1024  # colours of a gradient's table (gauss2svg/core/paints.h)
 
 _explain_pixels = Kernel(
@@ -351,3 +352,34 @@ class Palette(NamedTuple):
             *pixels.shape, pixels, labels, *self, n, ys, xs, color, name, label, share, error
         )
         return label, share, error
+
+
+def solve_colors(parts: list[tuple[Paint, Floats, Ints]], error: Floats) -> None:
+    """Set flat colours by least squares, given what shows of each.
+
+    parts  paints with the share (h, w) of them that shows in the pixels of a box, and the left and
+           the top of this box. A paint may have several
+    error  (h, w, c) of the drawing. Sums of whole colours would lose levels in large pictures
+    """
+    from scipy.sparse import csr_array
+
+    h, w, _ = error.shape
+    # The pixels where each flat paint shows, and what shows of it there
+    flat: dict[Paint, list[tuple[Ints, Floats]]] = {}
+    for paint, share, (x, y) in parts:
+        if not paint.is_shaded:
+            ys, xs = np.nonzero(share > LEAST_SHOWN)
+            at = ((ys + y) * w + xs + x).astype(np.int32)
+            flat.setdefault(paint, []).append((at, share[ys, xs]))
+    if not flat:
+        return
+    pieces = [piece for pieces in flat.values() for piece in pieces]
+    sizes = [sum(len(at) for at, _ in pieces) for pieces in flat.values()]
+    columns, values = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    ends = np.append(0, np.cumsum(sizes)).astype(np.int32)
+    matrix = csr_array((values, columns, ends), shape=(len(flat), h * w))
+    matrix.sum_duplicates()
+    gram = (matrix @ matrix.T).toarray() + np.diag([paint.prior for paint in flat])
+    change = solve(gram, matrix @ -error.reshape(h * w, -1))
+    for paint, by in zip(flat, change, strict=True):
+        paint.color = np.clip(paint.color + by, 0, 1)

@@ -18,21 +18,20 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.areas.arrays import Bools, Box, Floats, Ints, filtered, window_between
-from gauss2svg.areas.outlines import Path, angles_of, lengths_of
-from gauss2svg.areas.paint import Paint, Palette
+from gauss2svg.areas.outlines import Path, angles_of, lengths_of, upright
+from gauss2svg.areas.paint import Paint, Palette, solve_colors
 from gauss2svg.core import Kernel
 
 RATE = 4.0  # samples for each px of an outline
 LEAST_SOFT = 0.042  # weight beside the centre of a window from which edges are soft
 MOST_LEFT = 0.95  # largest share of the error that the window of a soft picture leaves
-LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 _compose_layers = Kernel(
     "compose_layers",
@@ -272,35 +271,14 @@ class Drawing:
         return pixel[:n], owner[:n], jacobian[:n], weights[:n]
 
     def solve_colors(self, error: NDArray[np.float32]) -> None:
-        """Set flat colours by least squares, given what shows of each. `weigh` comes first.
+        """Set flat colours by least squares. `weigh` comes first.
 
-        error  (h, w, c) of the drawing. Sums of whole colours would lose levels in large pictures
+        error  (h, w, c) of the drawing
         """
-        from scipy.sparse import csr_array
-
-        h, w, _ = self.shape
-        parts: list[tuple[Paint, Floats, Any]] = [(self.ground, self.above, (0, 0))]
+        parts = [(self.ground, self.above, np.zeros(2, int))]
         for k, paint in enumerate(self._paint):
             parts.append((paint, self.part(self.visible, k), self.box[k, :2]))
-        # The pixels where each flat paint shows, and what shows of it there
-        flat: dict[Paint, list[tuple[Ints, Floats]]] = {}
-        for paint, share, (x, y) in parts:
-            if not paint.is_shaded:
-                ys, xs = np.nonzero(share > LEAST_SHOWN)
-                at = ((ys + y) * w + xs + x).astype(np.int32)
-                flat.setdefault(paint, []).append((at, share[ys, xs]))
-        if not flat:
-            return
-        pieces = [piece for pieces in flat.values() for piece in pieces]
-        sizes = [sum(len(at) for at, _ in pieces) for pieces in flat.values()]
-        columns, values = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
-        ends = np.append(0, np.cumsum(sizes)).astype(np.int32)
-        matrix = csr_array((values, columns, ends), shape=(len(flat), h * w))
-        matrix.sum_duplicates()
-        gram = (matrix @ matrix.T).toarray() + np.diag([paint.prior for paint in flat])
-        change = portable.solve(gram, matrix @ -error.reshape(h * w, -1))
-        for paint, by in zip(flat, change, strict=True):
-            paint.color = np.clip(paint.color + by, 0, 1)
+        solve_colors(parts, error)
 
     def refine(
         self, steps: int, colors: bool = True, on_step: Callable[[int], None] | None = None
@@ -482,7 +460,7 @@ def tied(
     line lies in its direction. Handles of less than .3 px have no sure direction. The ends of a
     nearly upright line have the same coordinate.
     """
-    same = _upright(point, segment[~curved])
+    same = upright(point, segment[~curved])
     before = np.arange(len(segment)) - 1
     before[path_start[:-1]] = np.where(closed, path_start[1:] - 1, -1)
     was_curved = curved[before]
@@ -519,20 +497,3 @@ def tied(
     factors = np.array([of_node, 1.0 - of_node])
     ties = Ties(same, np.array([follower, same[node], same[master]]), factors)
     return ties.kept(point), ties
-
-
-def _upright(point: Floats, line: Ints) -> Ints:
-    """Return for each coordinate (2 n,) of points the index of the one to which it must be equal.
-
-    The ends of an upright line (k, 4) have one x, and those of a level one have one y. A line is
-    upright or level if the ratio of its sides is below .02, or if it is longer than 1 px and less
-    than .03 px off.
-    """
-    same = np.arange(point.size)
-    first, last = (2 * line[:, [0, 3]].T[:, :, None] + [0, 1]).reshape(2, -1)
-    size = np.abs(point[line[:, 3]] - point[line[:, 0]])
-    large = size[:, ::-1]
-    is_off = (size < 0.02 * large) | ((size < 0.03) & (large > 1))
-    for a, b in zip(first[is_off.ravel()], last[is_off.ravel()], strict=True):
-        same[same == same[b]] = same[a]
-    return same

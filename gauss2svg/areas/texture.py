@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg import portable
-from gauss2svg.photo.pixels import LUMA, shrunk, views
+from gauss2svg.photo.pixels import LUMA, over, shrunk, views
 
 SMOOTH = 2.0  # largest difference of neighbours in a smooth block of 2 x 2 pixels, in levels of 255
 EDGE_PX = 4  # largest width of an edge between two blocks
@@ -33,6 +33,7 @@ MOST_DOUBLED = 1024
 # In small logos as JPEG, few blocks are smooth. A picture of at most LOGO px a side is a drawing if
 # TWO_TONED of its pixels near edges are as on one side of them. Photos have at most .64.
 LOGO, TWO_TONED = 512, 0.65
+GLOSSY = 0.77  # share of these pixels: .56 to .75 in glossy logos, .8 in flat ones
 ICON = 48  # px of the larger side of an icon
 FEW_PIXELS = 2**15  # largest number of pixels of a small picture
 
@@ -161,6 +162,12 @@ def two_toned(pixels: NDArray[np.floating]) -> tuple[NDArray[np.bool_], NDArray[
     )
     is_edge = contrast >= 48 / 255
     return is_edge, is_edge & (np.minimum(above, below) <= 0.15 * contrast)
+
+
+def is_between_tones(pixels: NDArray[np.float32]) -> bool:
+    """Return whether many pixels near edges are between two tones, as in glossy logos."""
+    is_edge, is_even = two_toned(over(pixels))
+    return bool(is_even.sum() < GLOSSY * is_edge.sum())
 
 
 def undoubled(picture: NDArray[np.float32]) -> NDArray[np.float32]:

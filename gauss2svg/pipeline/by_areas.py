@@ -30,10 +30,9 @@ from gauss2svg.areas import clean, find, ringing
 from gauss2svg.areas.arrays import Floats, filtered
 from gauss2svg.areas.find import RATE, UNIT, FoundAreas, NoDrawingError, Progress
 from gauss2svg.areas.scenes import as_rasterized, refined_areas
-from gauss2svg.areas.texture import is_flat, is_shaded, is_small, two_toned, undoubled
+from gauss2svg.areas.texture import is_between_tones, is_flat, is_shaded, is_small, undoubled
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
-from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline import found as changes
 from gauss2svg.pipeline.by_count import ENOUGH, ByCount
 from gauss2svg.pipeline.found import SEEN_UP_TO, Trial, Trials, nothing, scene_of
@@ -56,7 +55,6 @@ STEPS_OF_RATE = 24  # largest number of times that a limit of bytes doubles the 
 # start keeps its nodes unless its file without those that do not pay has less than this share of
 # the bytes, as after a tracer.
 FEWER = 0.8
-GLOSSY = 0.77  # share of two-toned pixels near edges: .56 to .75 in glossy logos, .8 in flat ones
 # Share of the squared steps between pixels that areas leave if shapes may be better. Where areas
 # are crisp, shapes lose more between the pixels. Areas of icons and logos leave .04 or less, those
 # of photos .08 or more. In between are drawings with more detail than pixels.
@@ -156,7 +154,7 @@ class ByAreas:
             return is_soft or (has_time and self._trials.shapes_win(outcome.file.size, error))
         if goal.time_limit:
             return False
-        is_far = psnr < SEEN_UP_TO and error > FAR * self._steps()
+        is_far = psnr < SEEN_UP_TO and error > FAR * find.steps_of(self._subject.working)
         if is_small(self._subject.working) and not self._inks:
             errors = self._errors(outcome.file.scene, found)
             is_far |= errors.size <= TINY and ndimage.uniform_filter(errors, 7).max() > LOST
@@ -167,12 +165,6 @@ class ByAreas:
         if psnr < enough and self._trials.shapes_win(outcome.file.size, error):
             return True
         return outcome.psnr < enough and self._may_be_soft(psnr)
-
-    def _steps(self) -> float:
-        """Return the sum of the squared steps between neighbouring pixels, for three channels."""
-        picture = find.channels_of(self._subject.working)
-        steps = sum(float((np.diff(picture, axis=axis) ** 2).sum()) for axis in (0, 1))
-        return 3 / picture.shape[2] * steps
 
     def _search(self) -> Outcome:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
@@ -285,17 +277,13 @@ class ByAreas:
     def _may_be_soft(self, psnr: float) -> bool:
         """Return whether areas of this PSNR in dB are too far from a picture, or it is glossy.
 
-        Then many pixels near edges are between two tones. In a flat picture these are thin lines.
-        In a JPEG or with few inks, areas are surely better.
+        In a flat picture, pixels between two tones are thin lines. In a JPEG or with few inks,
+        areas are surely better.
         """
         if self._quality is not None or self._inks:
             return False
-        if psnr < TOO_FAR:
-            return True
-        if is_flat(self._noisy):
-            return False
-        is_edge, is_even = two_toned(over(self._subject.working))
-        return bool(is_even.sum() < GLOSSY * is_edge.sum())
+        is_glossy = not is_flat(self._noisy) and is_between_tones(self._subject.working)
+        return psnr < TOO_FAR or is_glossy
 
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found."""

@@ -46,7 +46,7 @@ from gauss2svg.render.cpu import color_weights
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.forms import with_falloffs
-from gauss2svg.svg.minimal import HEX_DIGITS, minimal_svg, rounded, whole_unit
+from gauss2svg.svg.minimal import HEX_DIGITS, minimal_svg, rounded
 
 # Exponents that soft shapes may have. All other shapes are plain ellipses.
 Exponents = tuple[float, ...]
@@ -307,3 +307,17 @@ def recolored(
     error = max(residual(color), 0.0) / (3 * len(targets) * width * height)
     background = scene.background if first else color[0]
     return scene.replace(background=background, color=color[1 - first :]), error
+
+
+def whole_unit(width: int, height: int, about: float = 0) -> float:
+    """Return the size of a unit, in px. Both sides are whole numbers of such units.
+
+    about  wanted number of units of the longer side. 0 for as few as possible
+
+    The longer side may have m, 2 m, 3 m, .. units, where m is its length in px divided by the
+    greatest common divisor of width and height. The one of these numbers that is nearest to `about`
+    is taken. If the divisor is small, m is large, so this number may be far from `about`.
+    """
+    longer = max(width, height)
+    fewest = longer // math.gcd(width, height)
+    return longer / (fewest * max(1, round(about / fewest)))

@@ -52,7 +52,6 @@ docs/decisions/minimal.md has the sizes and the accuracy of such files.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from itertools import groupby
 from typing import NamedTuple
@@ -167,20 +166,6 @@ def minimal_svg(
     svg = Element("svg", [*named, *defs, *body], **root).text()
     svg = element.with_own_ids(svg) if areas.paths else svg
     return svg if cover else signed(svg)  # the path `cover` is a mark too (file.is_own)
-
-
-def whole_unit(width: int, height: int, about: float = 0) -> float:
-    """Return the size of a unit, in px. Both sides are whole numbers of such units.
-
-    about  wanted number of units of the longer side. 0 for as few as possible
-
-    The longer side may have m, 2 m, 3 m, .. units, where m is its length in px divided by the
-    greatest common divisor of width and height. The one of these numbers that is nearest to `about`
-    is taken. If the divisor is small, m is large, so this number may be far from `about`.
-    """
-    longer = max(width, height)
-    fewest = longer // math.gcd(width, height)
-    return longer / (fewest * max(1, round(about / fewest)))
 
 
 def _drawing(

@@ -10,12 +10,13 @@ from conftest import needs
 from PIL import Image
 
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.by_bytes import whole_unit
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.svg import SvgFormat, minimal
-from gauss2svg.svg.minimal import minimal_svg, rounded, whole_unit
+from gauss2svg.svg.minimal import minimal_svg, rounded
 from gauss2svg.svg.write import write_svg
 
 SIDE = 96
