@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -19,6 +20,55 @@ Box = tuple[slice, slice]  # rows and columns of a picture
 LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
 BLOCK = np.ones((3, 3), bool)  # neighbours of a pixel with the diagonal ones
 WINDOW = 4  # weights of half of a window, from its centre on
+MARGIN = 8  # px around what is drawn
+MOST_TOLD = 2**15  # most pixels that tell a window
+
+
+class Content(NamedTuple):
+    """The part of a picture in which something is drawn. The margins around it have one colour.
+
+    box    rows and columns
+    shape  rows and columns of the whole picture
+    """
+
+    box: Box
+    shape: tuple[int, ...]
+
+    @classmethod
+    def whole(cls, shape: tuple[int, ...]) -> Self:
+        """Return the content of a picture of this shape that has no margins."""
+        return cls((slice(0, shape[0]), slice(0, shape[1])), shape[:2])
+
+    @classmethod
+    def of(cls, picture: Floats) -> Self:
+        """Return the content of a picture (h, w, c), with MARGIN px of the colour around it.
+
+        Margins of a picture with transparent parts are transparent.
+        """
+        differs = (picture != picture[0, 0]).any(axis=2)
+        has_clear = picture.shape[2] == 6 and (picture[0, 0] == [0, 0, 0, 1, 1, 1]).all()
+        if not differs.any() or not (picture.shape[2] == 3 or has_clear):
+            return cls.whole(differs.shape)
+        rows, columns = (np.flatnonzero(differs.any(axis=axis))[[0, -1]] for axis in (1, 0))
+        tight = slice(rows[0], rows[1] + 1), slice(columns[0], columns[1] + 1)
+        return cls(widened(tight, MARGIN, differs.shape), differs.shape)
+
+    @property
+    def corner(self) -> Floats:
+        """Left and top of the box, in px."""
+        return np.array([self.box[1].start, self.box[0].start])
+
+    @property
+    def margin(self) -> tuple[int, int] | None:
+        """A pixel of the box that has the colour of the margins. None: there are none."""
+        is_before = self.corner.any()
+        is_after = any(side.stop < most for side, most in zip(self.box, self.shape, strict=True))
+        return (0, 0) if is_before else (-1, -1) if is_after else None
+
+
+def squared(error: Floats) -> float:
+    """Return the sum of squares."""
+    return float(np.square(error).sum())
 
 
 def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
@@ -43,16 +93,28 @@ def filtered(image: Floats, half: Floats) -> Floats:
 
 
 def window_between(crisp: Floats, soft: Floats) -> Floats:
-    """Return half of the window (WINDOW,) of sum 1 that brings an image closest to another one."""
-    half = np.eye(1, WINDOW)[0]
+    """Return half of the window (WINDOW,) of sum 1 that brings an image closest to another one.
+
+    At most MOST_TOLD pixels tell it, evenly among those near a change of the image.
+    """
+    half, side = np.eye(1, WINDOW)[0], WINDOW - 1
+    change = np.pad((np.diff(crisp, axis=1) != 0).any(axis=2), ((0, 0), (0, 1)))
+    ys, xs = np.nonzero(ndimage.maximum_filter(change, 2 * side + 1))
+    if not len(ys):
+        return half
+    told = np.s_[:: 1 + len(ys) // MOST_TOLD]
+    padded = np.pad(crisp, ((side, side), (side, side), (0, 0)), "symmetric")
+    windows = sliding_window_view(padded, (2 * side + 1, 2 * side + 1), (0, 1))
+    squares, wanted = windows[ys[told], xs[told]], soft[ys[told], xs[told]]
     for _ in range(4):  # down the columns, the window of the step before is taken
-        image = ndimage.correlate1d(crisp, np.append(half[:0:-1], half), 0)
-        basis = np.empty((image.size, WINDOW - 1))
-        for k in range(1, WINDOW):  # what a weight k px from the centre adds on both sides
-            weights = np.zeros(2 * k + 1)
-            weights[[0, k, -1]] = 1, -2, 1
-            basis[:, k - 1] = ndimage.correlate1d(image, weights, 1).ravel()
-        sides = least_squares(basis, (soft - image).reshape(-1, 1).astype(np.float64))[:, 0]
+        rows = half[0] * squares[:, :, side]
+        for k in range(1, WINDOW):
+            rows += half[k] * (squares[:, :, side - k] + squares[:, :, side + k])
+        middle = rows[..., side]
+        # What a weight k px from the centre adds on both sides
+        pairs = [rows[..., side - k] + rows[..., side + k] for k in range(1, WINDOW)]
+        basis = np.stack([(pair - 2 * middle).ravel() for pair in pairs], axis=1)
+        sides = least_squares(basis, (wanted - middle).reshape(-1, 1))[:, 0]
         half = np.append(1 - 2 * sides.sum(), sides)
     return half
 

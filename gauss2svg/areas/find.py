@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gauss2svg import portable
 from gauss2svg.areas import clean, lines, merge, outlines, regions, thin
-from gauss2svg.areas.arrays import Bools, Floats, Ints
+from gauss2svg.areas.arrays import Bools, Content, Floats, Ints
 from gauss2svg.areas.paint import LEAST_OPACITY, Paint, opacity_of, paints_of
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Regions
@@ -88,10 +88,12 @@ def find_areas(
     """
     started = time.perf_counter()
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
+    channels = channels_of(picture)
+    content = Content.of(channels)
     drawing = first_drawing(
-        channels_of(picture), unit, rate, shaded, most_cores, poll, glance, is_clean
+        channels, content, unit, rate, shaded, most_cores, poll, glance, is_clean
     )
-    drawing.focus, drawing.is_clean = focus, is_clean
+    drawing.focus, drawing.is_clean = None if focus is None else focus[content.box], is_clean
     drawing.soften()
     # Faint layers are not even refined. Before that, the others save less than they will.
     layers = merge.without_cheap(drawing, unit, min(max(0.0015, rate), 0.004))
@@ -120,8 +122,9 @@ def refined(
         """Return the areas as they are now."""
         areas, background = shown_areas(drawing)
         error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
-        explained = float((3 * error <= 0.01).mean())
-        psnr = -10 * portable.log10(max(float(error.mean()), 1e-12))
+        part = error.size / math.prod(drawing.content.shape)
+        explained = 1 - part * float((3 * error > 0.01).mean())
+        psnr = -10 * portable.log10(max(part * float(error.mean()), 1e-12))
         taken_s = refine_s + time.perf_counter() - started
         return FoundAreas(
             areas, background, explained, psnr, find_s, taken_s, drawing.window, drawing
@@ -180,14 +183,16 @@ def both_views(picture: Floats) -> Floats:
 
 
 def first_drawing(
-    picture: Floats, unit: float, rate: float, shaded: bool, most_cores: int | None,
-    poll: Callable[[], None], glance: Glance, is_clean: bool = False,
+    picture: Floats, content: Content, unit: float, rate: float, shaded: bool,
+    most_cores: int | None, poll: Callable[[], None], glance: Glance, is_clean: bool = False,
 ) -> Drawing:  # fmt: skip
-    """Return a drawing of a picture, whose outlines have not been refined yet.
+    """Return a drawing of the content of a picture, whose outlines have not been refined yet.
 
     poll  function that is called often. An exception ends the search
     """
     poll()
+    is_clean = is_clean and regions.is_even(picture)
+    picture = np.ascontiguousarray(picture[content.box])
     cores = regions.cores_of(picture, is_clean)
     pixels = clean.with_even_photos(picture, cores)
     if shaded:
@@ -201,7 +206,8 @@ def first_drawing(
     if most_cores is not None and count > most_cores:
         raise NoDrawingError
     if not count:  # no two pixels are alike
-        return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [], picture=picture)
+        ground = Paint(np.median(pixels, axis=(0, 1)))
+        return Drawing(pixels, ground, [], [], picture=picture, content=content)
     paints = paints_of(pixels, cores)
     poll()
     parts = Regions.of(pixels, cores, paints)
@@ -214,7 +220,7 @@ def first_drawing(
     strokes = lines.with_sure_widths(parts, strokes)
     labels = regions.join_touching(parts)
     opacity = np.array([opacity_of(paint.color) for paint in paints])
-    ground = ground_of(labels, paints, opacity)
+    ground = ground_of(labels, paints, opacity, content)
     is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)
     is_opaque = opacity > 1 - 2 * LEAST_OPACITY
     layers, curve_rate = [], min(rate, RATE)  # coarse first curves would be refined less well
@@ -225,7 +231,7 @@ def first_drawing(
             layers.append(Layer(region, paths))
     layers += lines.grouped(strokes, paints)
     paints = with_opacity(paints, opacity, is_opaque)
-    return Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
+    return Drawing(pixels, ground, paints, layers, False, picture, content=content)
 
 
 def error_and_edges_of(picture: Floats, parts: Regions) -> tuple[float, int]:
@@ -247,15 +253,17 @@ def transparent_paint() -> Paint:
     return Paint(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))
 
 
-def ground_of(labels: Ints, paints: list[Paint], opacity: Floats) -> Paint:
+def ground_of(labels: Ints, paints: list[Paint], opacity: Floats, content: Content) -> Paint:
     """Return the paint below all layers.
 
-    It is that of the regions along more than half of the picture's border, or else that of the
-    largest region. A picture with alpha has a transparent one.
+    It is that of the margins, or else that of the regions along more than half of the picture's
+    border, or else that of the largest region. A picture with alpha has a transparent one.
     """
     if len(paints[0].color) == 6:
         clear = (paints[k] for k in np.flatnonzero(opacity < LEAST_OPACITY))
         return next(clear, transparent_paint())
+    if content.margin is not None:
+        return paints[labels[content.margin]]
     border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     paint, along = Counter(paints[k] for k in border.tolist()).most_common(1)[0]
     if along > 0.5 * len(border):
@@ -286,23 +294,34 @@ def on_page(segments: Floats, width: int, height: int) -> Floats:
     return segments
 
 
+def whole_raster(drawing: Drawing) -> NDArray[np.float32]:
+    """Return the raster (h, w, c) of a drawing and of the margins around it."""
+    drawn, content = drawing.draw(), drawing.content
+    raster = np.empty((*content.shape, drawn.shape[2]), np.float32)
+    raster[:] = drawn[content.margin or (0, 0)]
+    raster[content.box] = drawn
+    return raster
+
+
 def shown_areas(drawing: Drawing) -> tuple[tuple[Area, ...], tuple[float, float, float] | None]:
     """Return the areas of a drawing as they are now, and the colour below them."""
-    h, w, channels = drawing.shape
-    areas = []
+    (h, w), corner, areas = drawing.content.shape, drawing.content.corner, []
     for layer in drawing.current():
         paint = drawing.paints[layer.paint]
         opacity = round(paint.opacity, 2)
         color = np.clip(paint.color.reshape(-1, 3).mean(axis=0) / paint.opacity, 0, 1)
-        shown = paint.gradient or tuple(np.round(color * 255) / 255)
+        shown = tuple(np.round(color * 255) / 255)
+        if paint.gradient is not None:
+            shown = paint.gradient.moved(*corner)
         outlines = tuple(
-            Outline.of_segments(on_page(p.segments, w, h), p.curved, p.closed) for p in layer.paths
+            Outline.of_segments(on_page(p.segments + corner, w, h), p.curved, p.closed)
+            for p in layer.paths
         )
         areas.append(Area(outlines, shown, opacity, layer.width, CAPS[layer.cap]))
     background = None
-    if channels == 3:
+    if drawing.shape[2] == 3:
         background = tuple((np.round(drawing.ground.color * 255) / 255).tolist())
         if drawing.ground.gradient is not None:
             page = Outline(((0, 0), (w, 0), (w, h), (0, h)), (False,) * 4)
-            areas.insert(0, Area((page,), drawing.ground.gradient))
+            areas.insert(0, Area((page,), drawing.ground.gradient.moved(*corner)))
     return tuple(areas), background

@@ -464,14 +464,14 @@ def upright(point: Floats, line: Ints) -> Ints:
     """Return for each coordinate (2 n,) of points the index of the one to which it must be equal.
 
     The ends of an upright line (k, 4) have one x, and those of a level one have one y. A line is
-    upright or level if the ratio of its sides is below .02, or if it is longer than 1 px and less
-    than .03 px off.
+    upright or level if the ratio of its sides is below .02 and it is less than .6 px off, or if it
+    is longer than 1 px and less than .03 px off.
     """
     same = np.arange(point.size)
     first, last = (2 * line[:, [0, 3]].T[:, :, None] + [0, 1]).reshape(2, -1)
     size = np.abs(point[line[:, 3]] - point[line[:, 0]])
     large = size[:, ::-1]
-    is_off = (size < 0.02 * large) | ((size < 0.03) & (large > 1))
+    is_off = (size < np.minimum(0.02 * large, 0.6)) | ((size < 0.03) & (large > 1))
     for a, b in zip(first[is_off.ravel()], last[is_off.ravel()], strict=True):
         same[same == same[b]] = same[a]
     return same

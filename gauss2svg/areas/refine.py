@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import portable
-from gauss2svg.areas.arrays import Bools, Box, Floats, Ints, filtered, window_between
+from gauss2svg.areas import arrays
+from gauss2svg.areas.arrays import Bools, Box, Content, Floats, Ints, squared
 from gauss2svg.areas.outlines import Path, angles_of, lengths_of, upright
 from gauss2svg.areas.paint import Paint, Palette, solve_colors
 from gauss2svg.core import Kernel
@@ -51,11 +52,6 @@ _project_samples = Kernel(
     "project_samples",
     "int int int int int int64 int64 float64 float64 int64 int64 float64 float64 float64 float64",
 )
-
-
-def squared(error: NDArray[np.float32]) -> float:
-    """Return the sum of squares."""
-    return float(np.square(error).sum())
 
 
 @dataclass
@@ -87,14 +83,17 @@ class Drawing:
     pixels, ground  (h, w, c) picture, and what lies below all layers
     picture         (h, w, c) the same with its texture, which no layer follows
     paints          of the layers; regions of one colour share a paint
+    content         where the pixels are in a whole picture
     """
 
     def __init__(
         self, pixels: Floats, ground: Paint, paints: list[Paint], layers: list[Layer], is_tied: bool
         = True, picture: Floats | None = None, memory: dict[str, Floats] | None = None,
+        content: Content | None = None,
     ) -> None:  # fmt: skip
         self.pixels = pixels.astype(np.float32, copy=False)
         self.picture = self.pixels if picture is None else picture
+        self.content = content or Content.whole(pixels.shape)
         self.ground, self.paints = ground, paints
         self.layers = layers
         # Function that rasterises the drawing as its file will be. None: coverage is exact
@@ -169,9 +168,8 @@ class Drawing:
 
     def with_layers(self, layers: list[Layer], is_tied: bool = True) -> Drawing:
         """Return a drawing of the same picture with other layers."""
-        new = Drawing(
-            self.pixels, self.ground, self.paints, layers, is_tied, self.picture, self._memory
-        )
+        same = self.picture, self._memory, self.content
+        new = Drawing(self.pixels, self.ground, self.paints, layers, is_tied, *same)
         new.focus, new.is_clean, new.window = self.focus, self.is_clean, self.window
         return new
 
@@ -210,7 +208,7 @@ class Drawing:
             self.box, self.offset, np.empty((h, w + 2)), canvas, self.cover, self.below,
         )  # fmt: skip
         if self.window is not None:
-            return np.clip(filtered(canvas, self.window), 0, 1)
+            return np.clip(arrays.filtered(canvas, self.window), 0, 1)
         if self.rasterize is None:
             return canvas
         del canvas  # a raster takes much memory
@@ -219,9 +217,9 @@ class Drawing:
     def soften(self) -> None:
         """Set the window to that which brings the drawing closest, if the picture is soft."""
         if self.layers:
-            drawn, part = self.draw(), np.s_[:1024, :1024]  # enough of a large picture
-            window = window_between(drawn[part], self.pixels[part])
-            soft = np.clip(filtered(drawn, window), 0, 1)
+            drawn = self.draw()
+            window = arrays.window_between(drawn, self.pixels)
+            soft = np.clip(arrays.filtered(drawn, window), 0, 1)
             left = squared(soft - self.pixels)
             if window[1] >= LEAST_SOFT and left <= MOST_LEFT * squared(drawn - self.pixels):
                 self.window = window
@@ -290,26 +288,27 @@ class Drawing:
         if not self.layers:
             return
         error = self.draw() - self.pixels
-        damping, quiet = np.full(len(self.closed), 0.03), 0
+        loss, damping, quiet = squared(error), np.full(len(self.closed), 0.03), 0
         for n in range(steps):
-            before = squared(error)
+            before = loss
             self.weigh()
             if colors and n in (3, 11):
                 self.solve_colors(error)
                 error = self.draw() - self.pixels
+                loss = squared(error)
                 self.weigh()
-            error, damping = self._stepped(error, damping)
+            error, loss, damping = self._stepped(error, loss, damping)
             # Three steps that lower the error by less than a thousandth are the last ones.
-            quiet = quiet + 1 if squared(error) > 0.999 * before else 0
+            quiet = quiet + 1 if loss > 0.999 * before else 0
             if on_step is not None:
                 on_step(n + 1)
             if quiet >= 3:
                 break
 
     def _stepped(
-        self, error: NDArray[np.float32], damping: Floats
-    ) -> tuple[NDArray[np.float32], Floats]:
-        """Make a step, and return the error after it, and the damping (p,) of paths for the next.
+        self, error: NDArray[np.float32], loss: float, damping: Floats
+    ) -> tuple[NDArray[np.float32], float, Floats]:
+        """Make a step. Return the error after it, its square, and the damping (p,) for the next.
 
         A step that does not lower the error is undone. It is tried once more without the paths
         whose own pixels became worse, and so is one of whose gain they took over a fifth.
@@ -317,17 +316,18 @@ class Drawing:
         pixel, owner, jacobian, weights = self.samples()
         is_along = np.zeros(math.prod(self.shape[:2]), bool)
         is_along[pixel] = True
-        places, place = np.flatnonzero(is_along), (np.cumsum(is_along) - 1)[pixel]
+        places, order = np.flatnonzero(is_along), np.empty(is_along.size, np.int64)
+        order[places] = np.arange(len(places))
+        place = order[pixel]
         rows = error.reshape(-1, self.shape[2])
         samples = place, owner, jacobian, weights
         along = rows[places].astype(np.float64)
         if len(along):
             self.scatter = float(np.median((along**2).sum(axis=1)))
         if self.window is not None:  # the gradient of a filtered raster
-            smooth = filtered(error, self.window)
+            smooth = arrays.filtered(error, self.window)
             along = smooth.reshape(rows.shape)[places].astype(np.float64)
         move, widen = self._solved(samples, along, damping)
-        loss = squared(error)
         # Each entry has the pixels through which the outlines of a path run.
         pairs = np.unique(self.path_of[owner] * len(places) + place)
         path, own = pairs // len(places), places[pairs % len(places)]
@@ -348,17 +348,18 @@ class Drawing:
             wider = np.maximum(width + np.where(still, 0, widen), 0.1)
             self.width = np.where(width > 0, wider, 0)
             new = self.draw() - self.pixels
-            gain, rise = loss - squared(new), path_errors(new) - before
+            left, rise = squared(new), path_errors(new) - before
+            gain = loss - left
             worse = rise > 1e-6 * before
             if attempt == 0:
                 damping = np.where(worse, damping * 6, damping / 3)
                 damping = np.clip(damping, 1e-3, 1e5)
             if gain > 0 and (attempt == 1 or rise[worse].sum() <= 0.2 * gain):
-                return new, damping
+                return new, left, damping
             moves &= ~worse
         self.point, self.width = point, width
         self.draw()
-        return error, np.minimum(damping * 4, 1e5)
+        return error, loss, np.minimum(damping * 4, 1e5)
 
     def _solved(
         self, samples: tuple[Ints, Ints, Floats, Floats], rows: Floats, damping: Floats

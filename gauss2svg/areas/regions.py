@@ -33,7 +33,7 @@ _grow_labels = Kernel("grow_labels", "int int int float32 int32 int32 float64")
 def cores_of(pixels: Floats, is_clean: bool = False) -> Ints:
     """Return the labels (h, w) of evenly coloured or shaded pixels.
 
-    is_clean  whether no JPEG and no filter that overshoots has changed the picture
+    is_clean  whether no JPEG and no filter that overshoots has changed the picture, and it is even
 
     A pixel belongs to a core if it is part of a block of 2 x 2 pixels whose values are equal within
     FLAT, or which are shaded evenly. All other pixels have the label -1. Larger cores have smaller
@@ -42,8 +42,12 @@ def cores_of(pixels: Floats, is_clean: bool = False) -> Ints:
     spread = spread_of(pixels, 2).max(axis=-1)
     bend = ndimage.maximum_filter(bend_of(pixels), 2)
     is_shaded = (bend <= BEND) & (spread <= STEEP)
-    is_clean = is_clean and np.mean(spread <= 1.1 * LEVEL) >= CLEAN
     return cores_of_blocks(is_shaded | (spread <= (CLEAN_FLAT if is_clean else FLAT)))
+
+
+def is_even(pixels: Floats) -> bool:
+    """Return whether most blocks of a picture (h, w, c) have one colour."""
+    return bool(np.mean(spread_of(pixels, 2).max(axis=-1) <= 1.1 * LEVEL) >= CLEAN)
 
 
 def cores_of_blocks(block: Bools) -> Ints:

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas import find
-from gauss2svg.areas.arrays import Floats
+from gauss2svg.areas.arrays import Floats, squared
 from gauss2svg.areas.clean import without_shading
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
-from gauss2svg.areas.refine import Drawing, Layer, squared
+from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.errors import refusal
 from gauss2svg.scene import ABOVE, PLAIN, Scene
 from gauss2svg.scene.areas import CAPS, Area, Outline

@@ -220,7 +220,7 @@ class ByAreas:
                 working = ringing.unrung(noisy, found.areas, found.background, code)
                 self._is_rung = k > 0 or working is not None
             if working is None and quality is not None:
-                working = clean.decoded(noisy, found.drawing.draw(), quality)
+                working = clean.decoded(noisy, find.whole_raster(found.drawing), quality)
             if working is None:
                 break
             if noise:

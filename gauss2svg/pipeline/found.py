@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from gauss2svg import portable
+from gauss2svg.areas.arrays import squared
 from gauss2svg.areas.find import FoundAreas
 from gauss2svg.areas.pixels import Sprite
-from gauss2svg.areas.refine import squared
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import Target

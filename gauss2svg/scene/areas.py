@@ -195,6 +195,11 @@ class LinearGradient(_Gradient):
         along = (x - self.start[0]) * across + (y - self.start[1]) * down
         return self.colors_at(along / (across**2 + down**2))
 
+    def moved(self, x: float, y: float) -> Self:
+        """Return the gradient moved by x and y px."""
+        start, end = np.add((self.start, self.end), (x, y))
+        return dataclasses.replace(self, start=start, end=end)
+
     def scaled(self, factor_x: float, factor_y: float) -> Self:
         """Return the gradient of a canvas that is scaled by factor_x and factor_y.
 
@@ -221,6 +226,10 @@ class RadialGradient(_Gradient):
         """Return the colours (.., 3) at points in px."""
         (cx, cy), (rx, ry) = self.center, self.radii
         return self.colors_at(portable.hypot((x - cx) / rx, (y - cy) / ry))
+
+    def moved(self, x: float, y: float) -> Self:
+        """Return the gradient moved by x and y px."""
+        return dataclasses.replace(self, center=np.add(self.center, (x, y)))
 
     def scaled(self, factor_x: float, factor_y: float) -> Self:
         """Return the gradient of a canvas that is scaled by factor_x and factor_y."""

@@ -1,5 +1,7 @@
 """Properties of the areas that are found in a picture."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from outlines import cubic, polygon
@@ -8,6 +10,7 @@ from scipy.spatial import KDTree
 from gauss2svg.areas.find import find_areas
 from gauss2svg.areas.paint import paint_of
 from gauss2svg.raster import rasterize
+from gauss2svg.render import render, render_rgba
 from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import Area, LinearGradient, Outline, RadialGradient
@@ -123,6 +126,58 @@ def test_a_mirrored_or_turned_picture_has_mirrored_or_turned_areas(name):
         assert distance(points, points_of(found.areas)) < 0.05
 
 
+GRADIENTS = {
+    "linear": LinearGradient((0, 1), (RED, BLUE), (20, 20), (76, 60)),
+    "radial": RadialGradient((0, 1), ((1, 0.9, 0.5), GREEN), (45, 44), (34, 34)),
+}
+IN_MARGINS = {
+    **DRAWINGS,
+    "a linear gradient": [Area((disc(48, 48, 34),), GRADIENTS["linear"])],
+    "a radial gradient": [Area((disc(48, 48, 34),), GRADIENTS["radial"])],
+    "a card up to three sides": [
+        Area((polygon((-300, -300), (400, -300), (400, 75), (-300, 75)),), BLUE),
+        Area((disc(48, 48, 16),), RED),
+    ],
+}
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("name", IN_MARGINS)
+def test_margins_have_their_color_and_do_not_change_areas(name, channels):
+    areas, side = IN_MARGINS[name], 260
+    moved = [
+        dataclasses.replace(
+            area,
+            outlines=tuple(
+                dataclasses.replace(one, points=tuple((x + 90, y + 70) for x, y in one.points))
+                for one in area.outlines
+            ),
+            paint=area.paint if isinstance(area.paint, tuple) else area.paint.moved(90, 70),
+        )
+        for area in areas
+    ]
+    found = find_areas(drawn(moved, channels, side))
+    assert len(found.areas) == len(find_areas(drawn(areas, channels)).areas)
+    scene, errors = scene_of(found.areas, found.background, side, side), []
+    for page in (0.0, 1.0):
+        wanted = over(moved, page if channels == 4 else 1.0, side)
+        page = np.full(3, page) if scene.transparent else scene.background
+        shown = render(scene.replace(transparent=False, background=page), side, side)
+        errors.append(((shown - wanted) ** 2).mean())
+        assert np.abs(shown[:40] - wanted[:40]).max() < 0.5 / 255
+    psnr = -10 * np.log10(np.mean(errors))
+    assert psnr > 38
+    assert min(found.psnr, 60) == pytest.approx(min(psnr, 60), abs=1)
+
+
+def test_an_opaque_page_around_a_hole_reaches_to_the_edges():
+    picture = np.ones((200, 200, 4), np.float32)
+    picture[80:120, 90:130, 3] = 0
+    found = find_areas(picture)
+    scene = scene_of(found.areas, found.background, 200, 200)
+    np.testing.assert_allclose(render_rgba(scene, 200, 200)[..., 3], picture[..., 3], atol=0.01)
+
+
 def test_the_page_shows_through_holes_and_no_area_is_white():
     areas = [Area((disc(48, 48, 40), disc(48, 48, 20, True)), RED), Area((disc(48, 48, 10),), BLUE)]
     for channels in (3, 4):
@@ -140,12 +195,6 @@ def test_a_transparent_part_keeps_its_opacity():
         expected = RED if area.opacity < 1 else BLUE
         assert np.abs(color_of(area) - expected).max() < 2.01 / 255
     assert distance(points_of(areas), points_of(found.areas)) < 0.1
-
-
-GRADIENTS = {
-    "linear": LinearGradient((0, 1), (RED, BLUE), (20, 20), (76, 60)),
-    "radial": RadialGradient((0, 1), ((1, 0.9, 0.5), GREEN), (45, 44), (34, 34)),
-}
 
 
 @pytest.mark.parametrize("name", GRADIENTS)
@@ -263,6 +312,14 @@ def test_nodes_do_not_follow_antialiasing():
     (nodes, error), (most, other) = nodes_and_error(True), nodes_and_error(False)
     assert nodes < 0.8 * most
     assert error < 1.1 * other
+
+
+@pytest.mark.parametrize("rise", [1.0, 2.0, 3.5])
+def test_long_edges_that_are_nearly_level_keep_their_slope(rise):
+    corners = (20, 40), (270, 40 + rise), (280, 200), (20, 200 - rise)
+    frame = Area((polygon(*corners), disc(150, 120, 40, True)), BLUE)
+    found = find_areas(drawn([frame], side=300))
+    assert found.psnr > 50
 
 
 @pytest.mark.parametrize("size", SIZES)
