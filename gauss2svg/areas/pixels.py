@@ -19,6 +19,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from gauss2svg.scene.areas import Area, Color, Outline
@@ -69,8 +70,8 @@ def sprite_of(pixels: NDArray[np.float32]) -> Sprite | None:
     # by few levels are steps of a gradient, or noise.
     if _slight_share(cells, levels, 12 if side < 3 else 3) > 0.2:
         return None
-    # Drawings have over twice as many blended pixels (docs/decisions/areas.md).
-    if side < 3 and _blended_share(cells, levels) > 0.03:
+    # Drawings have over 1.6 times as many blended pixels (docs/decisions/areas.md).
+    if side < 3 and _blended_share(cells, levels) > 0.1:
         return None
     return Sprite(cells, levels, side)
 
@@ -92,14 +93,15 @@ def _slight_share(cells: Ints, levels: NDArray[np.int64], most: int) -> float:
 
 
 def _blended_share(cells: Ints, levels: NDArray[np.int64]) -> float:
-    """Return which share of the pixels at edges has colours of antialiased edges.
+    """Return which share of the pixels where edges bend has colours of antialiased edges.
 
-    Most pixels of such a colour lie between two others, whose colours mix to it.
+    Most pixels of such a colour lie between two others, whose colours mix to it. Level and upright
+    edges do not count, because those of a card with round corners need no antialiasing.
     """
     color = levels * np.where(np.arange(4) < 3, levels[:, 3:] / 255, 1)
-    mixed, at_edge = np.zeros(cells.shape, bool), np.zeros(cells.shape, bool)
+    mixed, edges = np.zeros(cells.shape, bool), np.zeros((2, *cells.shape), bool)
     for axis in (0, 1):
-        turned, mix, edge = (np.moveaxis(one, axis, 0) for one in (cells, mixed, at_edge))
+        turned, mix, edge = (np.moveaxis(one, axis, 0) for one in (cells, mixed, edges[axis]))
         differs = turned[1:] != turned[:-1]
         edge[1:] |= differs
         edge[:-1] |= differs
@@ -114,7 +116,9 @@ def _blended_share(cells: Ints, levels: NDArray[np.int64]) -> float:
         mix[at[0] + 1, at[1]] |= is_mixed
     counts = np.bincount(cells.ravel(), minlength=len(levels))
     blended = np.bincount(cells.ravel(), mixed.ravel(), len(levels)) > 0.6 * counts
-    return counts[blended].sum() / max(np.count_nonzero(at_edge), 1)
+    windows = sliding_window_view(np.pad(edges, ((0, 0), (1, 1), (1, 1))), (3, 3), (1, 2))
+    bends = edges.any(axis=0) & windows.any(axis=(3, 4)).all(axis=0)
+    return counts[blended].sum() / max(np.count_nonzero(bends), 1)
 
 
 def areas_of_sprite(sprite: Sprite, overlap: bool = True) -> tuple[tuple[Area, ...], Color | None]:

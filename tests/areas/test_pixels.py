@@ -9,6 +9,7 @@ from test_texture import pixels_of as as_floats
 from gauss2svg.areas.pixels import areas_of_sprite, sprite_of
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.pixels import shrunk
+from gauss2svg.raster import rasterize
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene
 
@@ -70,3 +71,12 @@ def test_drawings_and_photos_are_no_pixel_art():
         for photo in (photo_named(name), photo_named(name).resize((48, 48))):
             assert sprite_of(as_floats(photo)) is None, name
             assert sprite_of(as_floats(jpeg(photo, 80))) is None, name
+
+
+@pytest.mark.parametrize("radius", [1.5, 2, 6])
+def test_cards_with_round_corners_are_no_pixel_art_and_crisp_ones_are(radius):
+    card = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 300 200">'
+    card += '<path fill="#fff" d="M0 0h300v200H0"/>'
+    card += '<rect x="20" y="30" width="250" height="140" rx="{}" fill="#396"/></svg>'
+    assert sprite_of(rasterize(card.format(radius), 300, 200)) is None
+    assert sprite_of(rasterize(card.format(0), 300, 200)) is not None
