@@ -6,6 +6,7 @@ are in a fixed order, and their errors are in core/functions.h. They compute in 
 float32 if all arrays are of float32.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,12 @@ def least_squares(basis: Any, values: Any) -> Any:
 def main_axis(rows: Any) -> Any:
     """Return the unit vector (d,) along which the rows (n, d) vary most from 0."""
     spread = product(rows.T, rows) + 1e-300 * np.eye(rows.shape[1])
+    if len(spread) == 2:
+        (xx, xy), (_, yy) = spread.tolist()
+        half = 0.5 * (xx - yy)
+        root = math.sqrt(half * half + xy * xy)
+        axis = np.array([half + root, xy] if half >= 0 else [xy, root - half])
+        return axis / np.sqrt(dot(axis, axis)) if root else np.array([1.0, 0.0])
     for _ in range(_SQUARINGS):
         spread /= np.trace(spread)  # so that powers do not grow
         spread = product(spread, spread)

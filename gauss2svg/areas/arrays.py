@@ -138,3 +138,12 @@ def widened(box: Box, by: int, shape: tuple[int, ...]) -> Box:
         for side, most in zip(box, shape, strict=False)
     )
     return first, second
+
+
+def within(box: Box, outer: Box) -> Box:
+    """Return the box in the picture of a box that counts from the corner of another one."""
+    down, across = (
+        slice(side.start + around.start, side.stop + around.start)
+        for side, around in zip(box, outer, strict=True)
+    )
+    return down, across

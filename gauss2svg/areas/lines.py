@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from gauss2svg import portable
 from gauss2svg.areas import arrays, outlines
-from gauss2svg.areas.arrays import LEVEL, Bools, Box, Floats, Ints, dilated, parts_of
+from gauss2svg.areas.arrays import LEVEL, MARGIN, Bools, Box, Floats, Ints, dilated, parts_of
 from gauss2svg.areas.centrelines import STEP, Chain, chains_of
 from gauss2svg.areas.merge import rounded
 from gauss2svg.areas.outlines import Path, Weights
@@ -115,19 +115,26 @@ def _thin_parts(regions: Regions, letter_ground: Ints) -> list[Part]:
     for k, paint in enumerate(regions.paints):
         if not (paint.is_shaded or opacity_of(paint.color) < LEAST_OPACITY):
             classes.setdefault(paint, []).append(k)
-    parts = []
-    for names in classes.values():
-        share = regions.share_of(np.array(names))
-        is_ground = np.isin(letter_ground, names)
-        thick = _thick(share, 2.4)
+    kind, parts = np.zeros(len(regions.paints) + 1, np.int32), list[Part]()  # the last is no region
+    for k, names in enumerate(classes.values(), 1):
+        kind[names] = k
+    boxes = ndimage.find_objects(np.moveaxis(kind[regions.label], 2, 0), len(classes))
+    for names, tight in zip(classes.values(), boxes, strict=True):
+        if tight is None:
+            continue
+        box = arrays.widened(tight[1:], MARGIN, regions.labels.shape)
+        share = regions.share_of(np.array(names), box)
+        is_ground = np.isin(letter_ground[box], names)
+        thick, found = _thick(share, 2.4), list[Part]()
         if thick.any():
             wide = _thick(share, WIDE) | is_ground
-            parts += [
+            found += [
                 part
                 for part in parts_between(share, wide, names, is_wide=True)
                 if (thick[part.box] & (part.share > SEEN)).any()
             ]
-        parts += parts_between(share, thick | is_ground, names)
+        found += parts_between(share, thick | is_ground, names)
+        parts += [part._replace(box=arrays.within(part.box, box)) for part in found]
     return parts
 
 
@@ -229,8 +236,8 @@ def _chosen(
 
 def _layers(strokes: list[tuple[Path, float]]) -> list[Layer]:
     """Return a layer for each width of strokes."""
-    widths = dict.fromkeys(width for _, width in strokes)
-    return [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
+    widths = dict.fromkeys(w for _, w in strokes)
+    return [Layer(0, [path for path, one in strokes if one == w], w) for w in widths]
 
 
 def _without_bad(
@@ -389,8 +396,8 @@ def with_sure_widths(regions: Regions, lines: list[Line]) -> list[Line]:
             pieces += own
         elif line.width > 1.4 and length >= 16:
             sure.append(line)  # it has pixels of its colour
-    inside = inside_of(regions.cores, PURE)
-    pure = [paints[k].color for k in np.unique(inside[inside >= 0])]
+    inside = np.unique(inside_of(regions.cores, PURE))
+    pure = [paints[k].color for k in inside[inside >= 0]]
     pure += [paints[line.region].color for line in sure]
     pens = list[list[Piece]]()  # pieces that have one colour if they are 1 px wide
     for piece in pieces:
@@ -422,8 +429,7 @@ def with_sure_widths(regions: Regions, lines: list[Line]) -> list[Line]:
 def _pieces_of(pixels: Floats, index: int, path: Path) -> list[Piece]:
     """Return the segments of a line that are in at most two rows, or columns, on one ground.
 
-    They are at least 4 px long, and at most 1.5 px across, because ends bend at crossings. So 1 px
-    at each end is not measured.
+    They are at least 4 px long, at most 1.5 px across, and end 1 px before ends, which may bend.
     """
     pieces = []
     for points in path.segments:
@@ -459,9 +465,9 @@ def _draws(line: Line, color: Floats, pen: list[Piece]) -> bool:
     return bool(np.abs(off).max() <= SAME_PEN)
 
 
-def _is_in(color: Floats, colors: list[Floats]) -> bool:
+def _is_in(color: Floats, others: list[Floats]) -> bool:
     """Return whether a colour is nearly one of some others."""
-    return any(np.abs(color - one).max() <= SAME_COLOR for one in colors)
+    return any(np.abs(color - one).max() <= SAME_COLOR for one in others)
 
 
 def _is_thin(pen: list[Piece], pure: list[Floats]) -> bool:

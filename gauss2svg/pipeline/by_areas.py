@@ -64,6 +64,7 @@ FAR = 0.035
 LOST, TINY = 0.011, 2**12
 TOO_FAR = 26.0  # dB of areas of a larger picture if shapes may be closer
 FAR_IF_SOFT = 34.0  # the same of a soft picture of any size, if the areas are made as soft
+MANY = 100  # areas of a search that takes too long to be made again, for .1 dB
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 _ANEW = (
     "the start differs from the picture, so its areas were found anew, and edits may be lost. Edit "
@@ -229,6 +230,8 @@ class ByAreas:
                 working = ringing.without_bands(working, ringing.LEFT)
             self._subject = dataclasses.replace(self._subject, working=working)
             self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
+            if len(found.areas) > MANY:
+                break
         if self._is_rung:
             self._is_as_given, self._quality = False, None
         elif not noise:
