@@ -50,6 +50,7 @@ TRIED = 24  # Gaussians of a trial, unless their number follows from a limit of 
 # Largest number of Gaussians above areas that a target asks for, if a trial says that they do not
 # pay. They then only repair edges, which shapes alone draw in fewer.
 MOST_ON_EDGES = 1000
+IN_SHORT = 1500  # shapes of a run that ends before areas are found. They take up to a second
 # If the PSNR in dB between a drawing and its file is less than this, people can see differences at
 # the drawing's own size (docs/decisions/areas.md).
 SEEN_UP_TO = 41.0
@@ -197,12 +198,12 @@ class Trials:
         return self.trial(nothing(self._subject.working), 0)
 
     def in_short(self) -> Trial:
-        """Return shapes alone, fitted in a fraction of a second for a run that ends now."""
+        """Return shapes alone, fitted in about a second for a run that ends now."""
         trial = self.blank()
         if self._plan.sketch:
             return trial
-        most, pixels = self._plan.goal.count or 200, self._small[..., 0].size
-        count = min(200, most, self._limit / SHAPE_BYTES[0], pixels // 3)
+        most, pixels = self._plan.goal.count or IN_SHORT, self._small[..., 0].size
+        count = min(IN_SHORT, most, self._limit / SHAPE_BYTES[0], pixels // 3)
         session = self._fitted(trial.ground, int(count), lambda: False)
         width, height = self._subject.size
         scene = session.scene().scaled(self._times, self._times).replace(width=width, height=height)

@@ -114,6 +114,19 @@ def test_a_stopped_run_writes_what_it_has_within_the_limit_and_is_not_blank(pict
     assert result.report["psnr_svg"] > model_psnr(blank, picture) + 5
 
 
+def test_a_page_that_is_stopped_before_its_areas_are_found_can_be_recognised():
+    bars = [
+        f'<path d="M{20 + 36 * x} {20 + 18 * y}h{8 + (7 * x + 5 * y) % 22}v6h-9v4z"/>'
+        for x in range(10)
+        for y in range(20)
+    ]
+    page = '<path fill="#fff" d="M0 0h400v400H0z"/>'
+    picture = rasterize(FRAME.replace("128", "400").format(page + "".join(bars)), 400, 400)
+    result = vectorize(picture, stop=lambda: True)
+    assert result.report["area_count"] == 0
+    assert result.report["psnr_svg"] > model_psnr(Scene(400, 400), picture) + 6.5
+
+
 def test_areas_that_no_frame_of_a_film_changes_stay_as_they_are():
     rest = SHAPES.split("<path", 1)[1]
     page = '<path fill="#fff" d="M0 0h128v128H0z"/>'
