@@ -93,7 +93,8 @@ def find_areas(
     drawing = first_drawing(
         channels, content, unit, rate, shaded, most_cores, poll, glance, is_clean
     )
-    drawing.focus, drawing.is_clean = None if focus is None else focus[content.box], is_clean
+    drawing.focus = None if focus is None else focus[drawing.content.box]
+    drawing.is_clean = is_clean
     drawing.soften()
     # Faint layers are not even refined. Before that, the others save less than they will.
     layers = merge.without_cheap(drawing, unit, min(max(0.0015, rate), 0.004))
@@ -192,7 +193,7 @@ def first_drawing(
     """
     poll()
     is_clean = is_clean and regions.is_even(picture)
-    picture = np.ascontiguousarray(picture[content.box])
+    whole, picture = picture, np.ascontiguousarray(picture[content.box])
     cores = regions.cores_of(picture, is_clean)
     pixels = clean.with_even_photos(picture, cores)
     if shaded:
@@ -210,6 +211,10 @@ def first_drawing(
         return Drawing(pixels, ground, [], [], picture=picture, content=content)
     paints = paints_of(pixels, cores)
     poll()
+    if content.margin is not None and paints[cores[content.margin]].is_shaded:
+        # What fades into the margins needs all of them to tell its gradient.
+        content = Content.whole(whole.shape)
+        return first_drawing(whole, content, unit, rate, shaded, most_cores, poll, glance, is_clean)
     parts = Regions.of(pixels, cores, paints)
     letter_ground = thin.add_letters(parts)
     poll()

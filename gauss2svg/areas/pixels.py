@@ -70,8 +70,8 @@ def sprite_of(pixels: NDArray[np.float32]) -> Sprite | None:
     # by few levels are steps of a gradient, or noise.
     if _slight_share(cells, levels, 12 if side < 3 else 3) > 0.2:
         return None
-    # Drawings have over 1.6 times as many blended pixels (docs/decisions/areas.md).
-    if side < 3 and _blended_share(cells, levels) > 0.1:
+    # Drawings have over five times as many blended pixels (docs/decisions/areas.md).
+    if side < 3 and _blended_for_bends(cells, levels) > 0.03:
         return None
     return Sprite(cells, levels, side)
 
@@ -92,8 +92,8 @@ def _slight_share(cells: Ints, levels: NDArray[np.int64], most: int) -> float:
     return np.count_nonzero((step > 0) & (step <= most)) / max(np.count_nonzero(step), 1)
 
 
-def _blended_share(cells: Ints, levels: NDArray[np.int64]) -> float:
-    """Return which share of the pixels where edges bend has colours of antialiased edges.
+def _blended_for_bends(cells: Ints, levels: NDArray[np.int64]) -> float:
+    """Return how many pixels have colours of antialiased edges, for each where edges bend.
 
     Most pixels of such a colour lie between two others, whose colours mix to it. Level and upright
     edges do not count, because those of a card with round corners need no antialiasing.

@@ -285,8 +285,9 @@ class ByAreas:
         """
         if self._quality is not None or self._inks:
             return False
-        is_glossy = not is_flat(self._noisy) and is_between_tones(self._subject.working)
-        return psnr < TOO_FAR or is_glossy
+        return psnr < TOO_FAR or (
+            not is_flat(self._noisy) and is_between_tones(self._subject.working)
+        )
 
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found."""

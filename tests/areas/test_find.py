@@ -164,10 +164,21 @@ def test_margins_have_their_color_and_do_not_change_areas(name, channels):
         page = np.full(3, page) if scene.transparent else scene.background
         shown = render(scene.replace(transparent=False, background=page), side, side)
         errors.append(((shown - wanted) ** 2).mean())
-        assert np.abs(shown[:40] - wanted[:40]).max() < 0.5 / 255
+        for edge in (np.s_[:4], np.s_[-4:], np.s_[:, :4], np.s_[:, -4:]):
+            assert np.abs(shown[edge] - wanted[edge]).max() < 0.5 / 255
     psnr = -10 * np.log10(np.mean(errors))
     assert psnr > 38
     assert min(found.psnr, 60) == pytest.approx(min(psnr, 60), abs=1)
+
+
+@pytest.mark.parametrize(("far", "width"), [(150, 150), (230, 150)])
+def test_a_gradient_that_fades_into_a_margin_is_drawn_as_without_one(far, width):
+    share = np.clip((np.arange(400) - (400 - far)) / width, 0, 1)[::-1, None]
+    levels = np.round(255 * (1 - share * (1 - np.array([0, 0.2, 0.6])))) / 255
+    picture = np.tile(levels.astype(np.float32), (300, 1, 1))
+    found = find_areas(picture)
+    scene = scene_of(found.areas, found.background, 400, 300)
+    assert -10 * np.log10(((render(scene, 400, 300) - picture) ** 2).mean()) > 48
 
 
 def test_an_opaque_page_around_a_hole_reaches_to_the_edges():
